@@ -1,18 +1,22 @@
 """A guard between two topics: somebody's velocities in, harmless velocities out."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.guard import Guard, Safe
 from optipromp_ros import live, trajectories
-from optipromp_ros.types import Message, message
+from optipromp_ros.types import ERROR, OK, WARN, Message, diagnostic, message
 
 COMMAND = "std_msgs/msg/Float64MultiArray"
 SILENT = 0.1  # [s] after which a command counts no more, and a state of the arm is old: five cycles
+
+REST = 1e-6  # [rad/s or m/s] of the end of a braking curve: rounding
 
 
 class GuardFilter:
@@ -38,6 +42,7 @@ class GuardFilter:
         self._state: tuple[int, State] | None = None
         self._wish: tuple[int, FloatArray] | None = None
         self._looks: list[Look] = []
+        self._trouble = ""  # why nothing was decided in the last period
 
     def heard(self, item: Message, now: int) -> None:
         """Take a command, a ``JointState`` or a ``Detection3DArray`` in, at ``now`` [ns].
@@ -66,18 +71,52 @@ class GuardFilter:
             case _:
                 raise InvalidRequestError(f"a {item.__msgtype__} is of no use to a guard")
 
-    def tick(self, now: int) -> Message | None:
-        """The command of the next period, at ``now`` [ns]; None: no state of the arm is known.
+    def tick(self, now: int) -> Message:
+        """The command of the next period, at ``now`` [ns].
 
-        A command that is older than :data:`SILENT` counts as 0.
+        A command that is older than :data:`SILENT` counts as 0. Without a state of the arm that is
+        younger, and where the guard can decide nothing, the arm is led along the braking curve that
+        passed last, and then gets zeros: a velocity controller goes on with what it got last.
         """
-        if self._state is None or now - self._state[0] > 1e9 * SILENT:
-            return None
+        self._trouble = self._unheard(now)
+        if not self._trouble:
+            try:
+                self.safe = self._decided(now)
+            except (OptiPrompError, ValueError, ArithmeticError) as error:
+                self._trouble = f"nothing can be decided: {error}"
+        if self._trouble:
+            self.safe = self.guard.blind(self._trouble)
+        still = np.zeros(self.guard.robot.n_joints)
+        return message(COMMAND, data=still if self.safe is None else self.safe.velocity)
+
+    def ending(self) -> Iterator[Message]:
+        """The commands, one a period, of a guard that ends: along the braking curve, to zeros."""
+        safe = self.guard.blind("the guard ends")
+        while safe is not None and np.abs(safe.velocity).max() > REST:
+            yield message(COMMAND, data=safe.velocity)
+            safe = self.guard.blind("the guard ends")
+        yield message(COMMAND, data=np.zeros(self.guard.robot.n_joints))
+
+    def status(self) -> Message:
+        """A ``diagnostic_msgs/DiagnosticStatus``: why the last command is not what was asked."""
+        words = self._trouble or (self.safe.reason if self.safe else "")
+        level = ERROR if self._trouble else WARN if words else OK
+        return diagnostic(level, "guard", words or "as asked", self.guard.robot.name)
+
+    def _unheard(self, now: int) -> str:
+        """Why the state of the arm is not known; empty: it is."""
+        if self._state is None:
+            return "no joint states"
+        age = 1e-9 * (now - self._state[0])  # below 0 where the clock was set back
+        return "" if abs(age) <= SILENT else f"joint states are {age:.2f} s old"
+
+    def _decided(self, now: int) -> Safe:
+        """What the guard gives for the newest state, command and looks."""
+        assert self._state is not None
         state, wish = self._state[1], np.zeros(self.guard.robot.n_joints)
-        if self._wish is not None and now - self._wish[0] <= 1e9 * SILENT:
+        if self._wish is not None and abs(now - self._wish[0]) <= 1e9 * SILENT:
             wish = self._wish[1]
         if len(wish) < self.guard.robot.n_joints:
             wish = self.guard.tool(wish, state)
         looks, self._looks = self._looks, []
-        self.safe = self.guard(wish, state, looks)
-        return message(COMMAND, data=self.safe.velocity)
+        return self.guard(wish, state, looks)

@@ -1,14 +1,14 @@
 """A scene that messages change; of a ``moveit_msgs/PlanningScene``; goals of ``Constraints``."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, cast, get_args
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError, OptiPrompError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import posed
@@ -20,7 +20,16 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Goal, JointGoal, PoseGoal, RegionGoal, Scene
 from optipromp.core.trajectory import joint_columns
-from optipromp_ros.scenes import Held, object_id, read_held, read_pose, read_quaternion, vector
+from optipromp_ros.measured import Measured
+from optipromp_ros.scenes import (
+    COLLISION_OBJECT,
+    Held,
+    object_id,
+    read_held,
+    read_pose,
+    read_quaternion,
+    vector,
+)
 from optipromp_ros.trajectories import NANO, joint_positions, nanoseconds
 from optipromp_ros.types import Message, constants
 
@@ -37,8 +46,8 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
         prefix: of joint and link names in ROS.
 
     Raises:
-        InvalidSceneError: a wrong value; the message names object, field and valid values.
-        InvalidRequestError: joints that are not the robot's.
+        InvalidSceneError: a wrong value; the message names object, field and valid values. Or
+            joints that are not the robot's.
         InvalidRobotError: the robot cannot be loaded.
     """
     if like is not None:
@@ -49,7 +58,7 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
         "robot": item.robot_model_name,
         "choice": UNTRUSTED,
     }
-    return LiveScene(stated, robot, frames_of(robot, prefix)).heard(item).scene()
+    return LiveScene(stated, robot, frames_of(robot, prefix), prefix=prefix).heard(item).scene()
 
 
 def frames_of(robot: Robot, prefix: str = "", base: Pose | None = None) -> dict[str, Pose]:
@@ -71,39 +80,51 @@ class LiveScene:
         robot: with its tool.
         frames: the frames of messages by name: their poses in the base frame.
         held: the objects of each message by its id, oldest first.
+        prefix: of joint and link names in ROS.
+        arm: its newest joint states.
+        unknown: what was not understood, by id, and why. It is there until it is mended or removed.
     """
 
     stated: Mapping[str, Any]
     robot: Robot
     frames: Mapping[str, Pose]
     held: Mapping[str, Held] = field(default_factory=dict)
+    prefix: str = ""
+    arm: Measured = field(default_factory=Measured)
+    unknown: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def of(cls, scene: Scene, prefix: str = "") -> "LiveScene":
         """The world of a scene; ``prefix`` is that of joint and link names in ROS."""
         robot = posed(scene)[0]
         held = {object_id(o): Held(Pose(o.position, o.orientation), (o,)) for o in scene.objects}
-        return cls(vars(scene), robot, frames_of(robot, prefix, scene.base), held)
+        return cls(vars(scene), robot, frames_of(robot, prefix, scene.base), held, prefix)
 
     @property
     def joints(self) -> tuple[str, ...]:
         """The robot's joints, n names."""
         return self.robot.joint_names
 
-    def scene(self, goal: Goal | None = None) -> Scene:
+    def scene(self, goal: tuple[Goal, ...] | None = None) -> Scene:
         """The scene.
 
         Args:
-            goal: in place of the target, which then becomes an object to avoid.
+            goal: in place of the target, which then becomes an object to avoid; one of them.
 
         Raises:
-            InvalidSceneError: no target and no goal, two targets, an id that two roles have.
+            InvalidSceneError: no target and no goal, two targets, an id that two roles have; or a
+                message was not understood.
         """
+        if self.unknown:
+            told = "; ".join(self.unknown.values())
+            raise InvalidSceneError(
+                f"not understood: {told}. Send it again as it must be, or remove it"
+            )
         objects = tuple(item for held in self.held.values() for item in held.items)
         names = {item.name for item in fields(Scene)} - {"objects"}
         known = {name: self.stated[name] for name in names & self.stated.keys()}
         if goal is not None:
-            known |= {"goal": goal, "waypoints": None}
+            known |= {"goal": goal if len(goal) > 1 else goal[0], "waypoints": None}
             objects = tuple(
                 replace(item, role="avoid") if item.role == "target" else item for item in objects
             )
@@ -111,20 +132,36 @@ class LiveScene:
             known |= {"goal": None, "waypoints": None}
         return Scene(objects=objects, **known)
 
-    def heard(self, item: Message) -> "LiveScene":
+    def heard(self, item: Message, now: int | None = None) -> "LiveScene":
         """The world after a ``PlanningScene``, a ``CollisionObject`` or a ``JointState``.
 
+        What cannot be understood of a scene or an object is in :attr:`unknown`, of joint states in
+        :attr:`arm`.
+
+        Args:
+            item: the message.
+            now: when it came, by the clock of the stamps [ns]; None: recorded.
+
         Raises:
-            InvalidSceneError: a wrong value; the message names object and field.
-            InvalidRequestError: joints that are not the robot's; another type of message.
+            InvalidSceneError: an object is removed that is not there.
+            InvalidRequestError: joint states of no joint of the arm; another type of message.
         """
         match item.__msgtype__.rpartition("/")[2]:
             case "PlanningScene":
                 return self._heard_scene(item)
             case "CollisionObject":
+                gone = item.operation == constants(item.__msgtype__)["REMOVE"] and item.id
+                if gone and not {item.id} & (self.held.keys() | self.unknown.keys()):
+                    raise InvalidSceneError(
+                        f"collision object {item.id!r} is not there: must be added first"
+                    )
                 return self._heard_object(item)
             case "JointState":
-                return self.at(joint_positions(item, self.joints, "joint_state"))
+                joints = [self.prefix + name for name in self.joints]
+                if not set(joints) & set(item.name):
+                    joint_columns(item.name, joints, "joint_states")
+                arm = self.arm.heard(item, joints, now)
+                return replace(self if arm.state is None else self.at(arm.state.q), arm=arm)
         raise InvalidRequestError(
             f"a {item.__msgtype__} says nothing of a scene: must be a PlanningScene, a "
             "CollisionObject or a JointState"
@@ -132,45 +169,67 @@ class LiveScene:
 
     def at(self, start: FloatArray) -> "LiveScene":
         """The world with the robot at ``start`` (n,)."""
-        return replace(self, stated={**self.stated, "start": start})
+        known = self.marked(_START, "")
+        return replace(known, stated={**self.stated, "start": start})
+
+    def marked(self, what: str, why: str) -> "LiveScene":
+        """The world where ``what`` was not understood; empty ``why``: it was, or is gone."""
+        unknown = {name: old for name, old in self.unknown.items() if name != what}
+        return replace(self, unknown={**unknown, what: why} if why else unknown)
 
     def _heard_scene(self, item: Message) -> "LiveScene":
-        _refuse_unread(item)
-        world = self if item.is_diff else replace(self, held={})
+        world = self if item.is_diff else replace(self, held={}, unknown={})
+        for what, why in _unread(item):
+            world = world.marked(what, why)
         for part in item.world.collision_objects:
             world = world._heard_object(part)
         state = item.robot_state.joint_state
-        if state.name:
-            q = joint_positions(state, self.joints, "robot_state.joint_state")
-            world = world.at(q)
+        if state.name or len(state.position):
+            try:
+                world = world.at(joint_positions(state, self.joints, _START))
+            except InvalidRequestError as error:
+                world = world.marked(_START, error.message)
         if item.name:
             world = replace(world, stated={**world.stated, "name": item.name})
         return world
 
     def _heard_object(self, item: Message) -> "LiveScene":
-        what = f"collision object {item.id!r}"
+        """The world after an object, which is unknown if its message is not understood."""
+        kinds, held = constants(item.__msgtype__), dict(self.held)
+        if item.operation == kinds["REMOVE"]:
+            if not item.id:
+                other = {k: why for k, why in self.unknown.items() if k.startswith(_NO_OBJECTS)}
+                return replace(self, held={}, unknown=other)
+            held.pop(item.id, None)
+            return replace(self.marked(item.id, ""), held=held)
+        moved, stated = item.operation == kinds["MOVE"], dict(self.stated)
         try:
+            if moved and item.id not in held:
+                raise InvalidSceneError("it is not there: must be added first")
+            if not moved and item.operation != kinds["ADD"]:
+                raise InvalidSceneError(
+                    f"operation is {item.operation}: must be ADD (0), REMOVE (1) or MOVE (3)"
+                )
             frame = in_base(item.header, self.frames)
-        except InvalidRequestError as error:
-            raise InvalidSceneError(f"{what}: {error.message}") from None
-        kinds = constants(item.__msgtype__)
-        operation = item.operation
-        held, stated = dict(self.held), dict(self.stated)
-        if operation in (kinds["REMOVE"], kinds["MOVE"]) and item.id and item.id not in held:
-            raise InvalidSceneError(f"{what} is not there: must be added first")
-        if operation == kinds["REMOVE"]:
-            held = {name: old for name, old in held.items() if item.id and name != item.id}
-        elif operation == kinds["MOVE"]:
-            held[item.id] = held[item.id].at(frame @ read_pose(item.pose))
-        elif operation == kinds["ADD"]:
-            held[item.id] = read_held(item).transformed(frame)
-            if held[item.id].approach is not None:
-                stated["approach"] = held[item.id].approach
-        else:
-            raise InvalidSceneError(
-                f"{what}: operation is {operation}: must be ADD (0), REMOVE (1) or MOVE (3)"
-            )
-        return replace(self, held=held, stated=stated)
+            if moved:
+                held[item.id] = held[item.id].at(frame @ read_pose(item.pose))
+            else:
+                held[item.id] = read_held(item).transformed(frame)
+                if held[item.id].approach is not None:
+                    stated["approach"] = held[item.id].approach
+        except OptiPrompError as error:
+            if not moved:
+                held.pop(item.id, None)  # of another shape: a motion does not mend it
+            elif item.id in self.unknown and item.id not in held:
+                return self
+            told = f"collision object {item.id!r}: "
+            why = told + error.message.removeprefix(told)
+            return replace(self.marked(item.id, why), held=held)
+        return replace(self.marked(item.id, ""), held=held, stated=stated)
+
+
+_START = "robot_state.joint_state"
+_NO_OBJECTS = "robot_state.", "world.octomap", "link_", "message "  # begins of what else may be
 
 
 def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:
@@ -182,29 +241,28 @@ def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:
     )
 
 
-def _refuse_unread(item: Message) -> None:
-    """Refuse a planning scene with obstacles in a form that is not supported."""
-    attached = item.robot_state.attached_collision_objects
-    if attached:
-        raise InvalidSceneError(
-            f"robot_state.attached_collision_objects[0] is {attached[0].object.id!r}: must be "
-            "none; what the robot holds is its tool"
-        )
+def _unread(item: Message) -> Iterator[tuple[str, str]]:
+    """What of a planning scene is in a form that is not supported, and why; empty: it is gone."""
+    remove = constants(COLLISION_OBJECT)["REMOVE"]
+    for held in item.robot_state.attached_collision_objects:
+        name, what = held.object.id, f"robot_state.attached_collision_objects {held.object.id!r}"
+        if held.object.operation != remove:
+            yield what, f"{what}: must be none; what the robot holds is its tool"
+            continue
+        yield what, ""
+        yield name, f"collision object {name!r}: it was detached: must be added where it is now"
     size = len(item.world.octomap.octomap.data)
     if size:
-        raise InvalidSceneError(
-            f"world.octomap holds {size} bytes: must be empty; give collision objects"
-        )
-    for what, links, usual in (
+        what = "world.octomap"
+        yield what, f"{what} holds {size} bytes: must be empty; give collision objects"
+    for field_, links, usual in (
         ("padding", item.link_padding, 0.0),
         ("scale", item.link_scale, 1.0),
     ):
         for link in links:
-            if (value := getattr(link, what)) != usual:
-                raise InvalidSceneError(
-                    f"link_{what} of {link.link_name!r} is {value:g}: must be {usual:g}; "
-                    "the options of a plan have its clearances"
-                )
+            what, value = f"link_{field_} of {link.link_name!r}", getattr(link, field_)
+            told = f"{what} is {value:g}: must be {usual:g}; a plan's options have its clearances"
+            yield what, "" if value == usual else told
 
 
 TOOL = "tool"
@@ -213,48 +271,59 @@ TOOL = "tool"
 
 def read_goal(
     constraints: Sequence[Message], world: LiveScene, prefix: str = ""
-) -> JointGoal | PoseGoal | RegionGoal | None:
-    """The goal of ``goal_constraints``; None where there are none.
+) -> tuple[Goal, ...] | None:
+    """The goals of ``goal_constraints``, one of which is to be reached; None where there are none.
 
-    Joint constraints state a configuration. One position and one orientation constraint state a
-    pose of the frame ``tool``, or of the robot's last link (its flange). The goal is the tool point
-    and the orientation of the tool of that pose. With an ``absolute_z_axis_tolerance`` of π or more
-    about the tool axis, the turn about the axis is free. The other tolerances are ignored.
+    Joint constraints state a configuration; joints without one stay where they are at the start.
+    A position constraint states a point of the frame ``tool``, and with an orientation constraint
+    a pose of it or of the robot's last link (its flange). The goal is the tool point and the
+    orientation of the tool of that pose. With an ``absolute_z_axis_tolerance`` of π or more about
+    the tool axis, the turn about the axis is free. The other tolerances are ignored.
 
-    ``constraints``: ``moveit_msgs/Constraints``, one at most.
+    ``constraints``: ``moveit_msgs/Constraints``.
+
+    Raises:
+        InvalidRequestError: a goal of another form, or a wrong value.
     """
-    robot = world.robot
-    if not constraints:
-        return None
-    if len(constraints) > 1:
-        raise InvalidRequestError(
-            f"goal_constraints has {len(constraints)} entries: must have one at most"
-        )
-    (goal,) = constraints
+    try:
+        return tuple(_goal(k, one, world, prefix) for k, one in enumerate(constraints)) or None
+    except InvalidSceneError as error:
+        raise InvalidRequestError(f"goal_constraints: {error.message}") from None
+
+
+def _goal(k: int, goal: Message, world: LiveScene, prefix: str) -> Goal:
     kinds = "joint", "position", "orientation"
     joints, places, turns = (getattr(goal, f"{kind}_constraints") for kind in kinds)
     if goal.visibility_constraints:
-        raise InvalidRequestError("goal_constraints[0].visibility_constraints: must be empty")
+        raise InvalidRequestError(f"goal_constraints[{k}].visibility_constraints: must be empty")
     if joints and not places and not turns:
-        names = [one.joint_name for one in joints]
-        order = joint_columns(names, robot.joint_names, "joint_constraints")
-        return JointGoal(np.array([one.position for one in joints])[order])
-    if joints or len(places) != 1 or len(turns) != 1:
+        return _joint_goal(joints, world, prefix)
+    if joints or len(places) != 1 or len(turns) > 1:
         raise InvalidRequestError(
-            f"goal_constraints[0] has {len(joints)} joint, {len(places)} position and {len(turns)} "
-            "orientation constraints: must have one for each joint, or one position and one "
-            "orientation constraint"
+            f"goal_constraints[{k}] has {len(joints)} joint, {len(places)} position and "
+            f"{len(turns)} orientation constraints: must have joint constraints alone, or one "
+            "position constraint with at most one orientation constraint"
         )
-    return _pose_goal(places[0], turns[0], world, prefix)
+    return _pose_goal(places[0], turns[0] if turns else None, world, prefix)
+
+
+def _joint_goal(joints: Sequence[Message], world: LiveScene, prefix: str) -> JointGoal:
+    own, names = [prefix + name for name in world.joints], [one.joint_name for one in joints]
+    wanted, start = np.array([one.position for one in joints]), world.stated.get("start")
+    if set(names) < set(own) and len(set(names)) == len(names) and start is not None:
+        q = np.array(start, dtype=np.float64)
+        q[[own.index(name) for name in names]] = wanted
+        return JointGoal(q)
+    return JointGoal(wanted[joint_columns(names, own, "joint_constraints")])
 
 
 def _pose_goal(
-    place: Message, turn: Message, world: LiveScene, prefix: str
+    place: Message, turn: Message | None, world: LiveScene, prefix: str
 ) -> PoseGoal | RegionGoal:
     robot = world.robot
     flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
     for what, item in (("position", place), ("orientation", turn)):
-        if item.link_name not in (TOOL, flange) or item.link_name != place.link_name:
+        if item and (item.link_name not in (TOOL, flange) or item.link_name != place.link_name):
             raise InvalidRequestError(
                 f"{what} constraint: link_name is {item.link_name!r}: both constraints must name "
                 f"{TOOL!r} (at the tool point, z along its axis) or {flange!r}"
@@ -265,9 +334,19 @@ def _pose_goal(
             f"position constraint: constraint_region has {len(poses)} primitive_poses: must have "
             "one, and no meshes"
         )
-    at, turned = in_base(place.header, world.frames), in_base(turn.header, world.frames)
+    at, offset = in_base(place.header, world.frames), vector(place.target_point_offset)
+    origin = at @ vector(poses[0].position)
+    if turn is None:
+        if place.link_name != TOOL or offset.any():
+            raise InvalidRequestError(
+                f"position constraint of {place.link_name!r} with target_point_offset "
+                f"{offset.tolist()}: without an orientation constraint it must be of {TOOL!r}, "
+                "without an offset"
+            )
+        return RegionGoal(origin)
+    turned = in_base(turn.header, world.frames)
     rotation = (turned @ Pose(orientation=read_quaternion(turn.orientation))).rotation
-    origin = at @ vector(poses[0].position) - rotation @ vector(place.target_point_offset)
+    origin = origin - rotation @ offset
     if place.link_name == TOOL:
         point, frame = origin, rotation
     else:

@@ -15,7 +15,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import (
+    Code,
+    ExecutionError,
+    InvalidRequestError,
+    OptiPrompError,
+    StartInvalidError,
+)
 from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planners import factory
@@ -31,7 +37,7 @@ from optipromp_loop.control.driver import without_fruits
 from optipromp_ros import live, trajectories
 from optipromp_ros.images import PICTURES, Pictures
 from optipromp_ros.scenes import read_quaternion, vector
-from optipromp_ros.types import Message, constants, message
+from optipromp_ros.types import ERROR, OK, WARN, Message, constants, diagnostic, message
 
 HELD = 200_000_000  # [ns] before its first and after its last time, a frame is as then: a choice
 
@@ -107,7 +113,6 @@ class Frames:
 
 
 KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
-OK, WARN, ERROR = 0, 1, 2  # levels of a diagnostic_msgs/DiagnosticStatus
 
 
 class PickLoop:
@@ -307,16 +312,8 @@ class PickLoop:
             "camera": loop.noticed[-1].why if loop.noticed else "",
             "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",
         }
-        kind = "diagnostic_msgs/msg/KeyValue"
-        values = [message(kind, key=key, value=value) for key, value in told.items()]
-        return message(
-            "diagnostic_msgs/msg/DiagnosticStatus",
-            level=level,
-            name="optipromp/loop",
-            message=trouble or (loop.events[-1].why if loop.events else "looking"),
-            hardware_id=loop.robot.name,
-            values=values,
-        )
+        words = trouble or (loop.events[-1].why if loop.events else "looking")
+        return diagnostic(level, "loop", words, loop.robot.name, told)
 
     def _time(self, stamp: int) -> float:
         """Seconds since the first stamp: few, so that they are exact to the nanosecond."""
@@ -392,10 +389,12 @@ def answer(
     demonstrations: ProMP | str | Path | None = None,
     rate: float | None = None,
     prefix: str = "",
+    now: int | None = None,
 ) -> PlanAnswer:
     """Plan the motion of a ``moveit_msgs/MotionPlanRequest``.
 
-    Read are ``start_state`` (where it names joints; with velocities the plan begins in motion),
+    Read are ``start_state`` (where it names joints; with velocities the plan begins in motion; else
+    the plan begins where the joint states say that the arm stands),
     ``goal_constraints`` (none: the target of the world), ``planner_id`` (empty: opti-promp),
     ``allowed_planning_time``, and the scaling factors (0: those of ``options``). A
     ``group_name`` must be one of this arm, where an SRDF states its groups. Workspace, number of
@@ -409,6 +408,8 @@ def answer(
         demonstrations: as for :func:`optipromp.plan`.
         rate: of the points of the answer [Hz]; None: the rows of the plan.
         prefix: of joint and link names in ROS.
+        now: by the clock of the joint states [ns]; after :data:`optipromp_ros.measured.OLD` they
+            are refused. None: they are recorded, and their age is not judged.
 
     Returns:
         The answer; to a request that cannot be used, the code and the message of the error.
@@ -416,23 +417,25 @@ def answer(
     try:
         _refuse_unread(request)
         _refuse_another_arm(request.group_name, world)
-        joints, state = request.start_state.joint_state, None
-        if joints.name:
-            state = trajectories.joint_motion(joints, world.joints, "start_state.joint_state")
-        options = replace(options or PlanOptions(), **_scalings(request))
-        if request.allowed_planning_time > 0.0:
-            options = replace(options, timeout=float(request.allowed_planning_time))
-        if state is not None:
-            world = world.at(state.q)
-        scene = world.scene(live.read_goal(request.goal_constraints, world, prefix))
+        options = replace(options or PlanOptions(), **_limits(request))
         planner = request.planner_id or "opti-promp"
         factory(planner, "planner_id")  # refuses an unknown name
+        stated, state = request.start_state.joint_state, None
+        if stated.name or len(stated.position):
+            joints = [prefix + name for name in world.joints]
+            state = trajectories.joint_motion(stated, joints, "start_state.joint_state")
+            world = world.at(state.q)
+        goals = live.read_goal(request.goal_constraints, world, prefix)
+        if state is None:
+            state = _measured(world, now)
+            world = world.at(state.q)
+        scene = world.scene(goals)
         made = plan(
             scene,
             planner=planner,
             demonstrations=demonstrations,
             options=options,
-            start_state=state if state is not None and state.moving else None,
+            start_state=state if state.moving else None,
         )
     except OptiPrompError as error:
         return PlanAnswer(_response(request, error.code, error.message))
@@ -449,10 +452,28 @@ def answer(
     )
 
 
+def _measured(world: live.LiveScene, now: int | None) -> State:
+    """The state of an arm that stands."""
+    try:
+        return world.arm.at_rest(world.joints, now)
+    except StartInvalidError as error:
+        if world.unknown:
+            world.scene()  # tells what must be mended besides
+        raise StartInvalidError(f"{error.message}; or state the start_state") from None
+
+
+def not_executed(request: Message, found: PlanAnswer, error: OptiPrompError) -> PlanAnswer:
+    """The answer where a plan was not executed, or not to its end."""
+    told = "" if isinstance(error, ExecutionError) else "not executed: "
+    response = _response(request, error.code, told + error.message)
+    return replace(found, response=response, trajectory=None)
+
+
 def _refuse_another_arm(group: str, world: live.LiveScene) -> None:
     """Refuse a group whose joints are not the arm's, or that the arm's SRDF does not have."""
-    scene = world.scene()
-    _, arm = load_arm(scene.robot, scene.base_dir, scene.choice)
+    keys = "base_dir", "choice"
+    given = {key: world.stated[key] for key in keys if key in world.stated}
+    _, arm = load_arm(world.stated["robot"], **given)
     if not group or not arm.groups or set(arm.groups.get(group, ())) == set(arm.joints):
         return
     mine = [name for name, joints in arm.groups.items() if set(joints) == set(arm.joints)]
@@ -473,17 +494,22 @@ def _response(request: Message, code: Code, words: str, **fields: Message) -> Me
     return message(RESPONSE, group_name=request.group_name, error_code=error, **fields)
 
 
-def _scalings(request: Message) -> dict[str, Any]:
-    """The scaling factors that a request states, as options of the plan."""
-    factors = {}
+def _limits(request: Message) -> dict[str, Any]:
+    """The scaling factors and the planning time that a request states, as options of the plan."""
+    found = {}
     for name in ("velocity_scaling", "acceleration_scaling"):
         value = float(getattr(request, f"max_{name}_factor"))
         if not 0.0 <= value <= 1.0:
             told = f"max_{name}_factor is {value:g}"
             raise InvalidRequestError(f"{told}: must be above 0 and at most 1, or 0")
         if value:
-            factors[name] = value
-    return factors
+            found[name] = value
+    seconds = float(request.allowed_planning_time)
+    if not 0.0 <= seconds < math.inf:
+        raise InvalidRequestError(
+            f"allowed_planning_time is {seconds:g}: must be above 0 s, or 0 (as the options say)"
+        )
+    return found | ({"timeout": seconds} if seconds else {})
 
 
 def _refuse_unread(request: Message) -> None:
@@ -493,7 +519,8 @@ def _refuse_unread(request: Message) -> None:
     stated = {f"path_constraints.{kind}": getattr(path, kind) for kind in kinds} | {
         "trajectory_constraints": request.trajectory_constraints.constraints,
         "reference_trajectories": request.reference_trajectories,
-        "max_cartesian_speed": request.max_cartesian_speed > 0.0,
+        "max_cartesian_speed": request.max_cartesian_speed != 0.0,
+        "start_state.multi_dof_joint_state": request.start_state.multi_dof_joint_state.joint_names,
         "start_state.attached_collision_objects": request.start_state.attached_collision_objects,
     }
     if asked := [name for name, value in stated.items() if value]:

@@ -21,7 +21,7 @@ from optipromp.core.geometry import shapes
 from optipromp.core.geometry.grids import check_closed
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.rotations import IDENTITY
+from optipromp.core.scenes.rotations import unit_quaternion
 from optipromp.core.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
 from optipromp_ros.trajectories import robot_state
 from optipromp_ros.types import Message, constants, message
@@ -55,9 +55,12 @@ def vector(item: Message) -> FloatArray:
 
 
 def read_quaternion(item: Message) -> FloatArray:
-    """(4,) w, x, y, z of a ``geometry_msgs/Quaternion``; as in MoveIt, zeros do not turn."""
-    wxyz = np.array([item.w, item.x, item.y, item.z])
-    return wxyz if wxyz.any() else IDENTITY
+    """(4,) w, x, y, z of a ``geometry_msgs/Quaternion``.
+
+    Raises:
+        InvalidSceneError: it is no unit quaternion. Zeros are none: nobody said how it is turned.
+    """
+    return unit_quaternion(np.array([item.w, item.x, item.y, item.z]))
 
 
 def read_pose(item: Message) -> Pose:

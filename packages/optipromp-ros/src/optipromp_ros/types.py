@@ -13,7 +13,7 @@ import shutil
 import struct
 import tempfile
 import warnings
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -28,6 +28,9 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
 Message = Any  # A message: the fields of its type as attributes, the type's name as ``__msgtype__``
+
+STATUS = "diagnostic_msgs/msg/DiagnosticStatus"
+OK, WARN, ERROR = 0, 1, 2  # its levels
 
 _HEADING = "MSG: "
 _NUMPY = {"byte": "uint8", "octet": "uint8", "char": "uint8"}  # other names are NumPy's
@@ -57,8 +60,8 @@ def typestore() -> Typestore:
 def message(name: str, /, **fields: Any) -> Message:
     """A message of a type, for instance ``geometry_msgs/msg/Pose``.
 
-    Fields that are not given are zero, empty or false. Sequences of numbers become arrays of their
-    type.
+    Fields that are not given are zero, empty or false, but the ``w`` of a quaternion is 1, as in
+    ROS 2. Sequences of numbers become arrays of their type.
 
     Raises:
         InvalidRequestError: an unknown type, or a field that the type lacks.
@@ -70,6 +73,8 @@ def message(name: str, /, **fields: Any) -> Message:
     for key in fields:
         if key not in known:
             raise InvalidRequestError(f"{name} has no field {key!r}: it has {', '.join(known)}")
+    if name == "geometry_msgs/msg/Quaternion":
+        fields = {"w": 1.0, **fields}
     values = {key: _value(kind, fields.get(key)) for key, kind in known.items()}
     made: Message = store.types[name](**values)
     return made
@@ -79,6 +84,19 @@ def copied(item: Any, name: str) -> Message:
     """A message of the type ``name`` with the fields of another library's message, as rclpy's."""
     fields = typestore().fielddefs[name][1]
     return message(name, **{key: getattr(item, key) for key, _ in fields})
+
+
+def diagnostic(
+    level: int, name: str, words: str, hardware: str, values: Mapping[str, str] | None = None
+) -> Message:
+    """A ``diagnostic_msgs/DiagnosticStatus``; ``level``: :data:`OK`, :data:`WARN` or :data:`ERROR`.
+
+    ``hardware``: the robot's name. ``values``: further words by key.
+    """
+    kind = "diagnostic_msgs/msg/KeyValue"
+    rows = [message(kind, key=key, value=value) for key, value in (values or {}).items()]
+    fields = {"level": level, "name": f"optipromp/{name}", "message": words, "values": rows}
+    return message(STATUS, hardware_id=hardware, **fields)
 
 
 def constants(name: str) -> dict[str, int]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.ros.camera_messages import sent
 
-from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.core.geometry import (
     Box,
     Capsule,
@@ -303,6 +303,7 @@ def test_joint_states_move_the_start() -> None:
     [
         (by_hand("x", operation=2), "'x': operation is 2: must be ADD"),
         (by_hand("x", operation=1), "'x' is not there: must be added first"),
+        (by_hand("x", operation=3), "'x': it is not there: must be added first"),
         (
             by_hand("x", header=message("std_msgs/msg/Header", frame_id="camera")),
             "'x': header.frame_id is 'camera': must be '' or 'link0' or 'world'",
@@ -328,7 +329,100 @@ def test_joint_states_move_the_start() -> None:
 )
 def test_what_a_world_cannot_use_is_refused_by_name(item, words: str) -> None:
     with pytest.raises(InvalidSceneError, match=words):
-        LiveScene.of(load_scene("scenario-4")).heard(item)
+        LiveScene.of(load_scene("scenario-4")).heard(item).scene()
+
+
+def in_frame(frame: str, name: str = "x", **fields):
+    return by_hand(name, header=message("std_msgs/msg/Header", frame_id=frame), **fields)
+
+
+def ball(radius: float):
+    return [message("shape_msgs/msg/SolidPrimitive", type=2, dimensions=[radius])]
+
+
+def turned(**wxyz: float):
+    turn = message("geometry_msgs/msg/Quaternion", **{"w": 0.0, **wxyz})
+    return message("geometry_msgs/msg/Pose", position=point(0.5, 0, 0), orientation=turn)
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        (in_frame("camera"), "header.frame_id is 'camera'"),
+        (by_hand("x", pose=pose_at(np.nan, 0, 0)), "nan"),
+        (by_hand("x", primitives=ball(0.0)), "radius"),
+        (by_hand("x", primitives=ball(-0.1)), "radius"),
+        (by_hand("x", primitives=[]), "for 0 shapes"),
+        (by_hand("x", pose=turned()), "unit quaternion"),
+        (by_hand("x", pose=turned(w=np.nan)), "orientation"),
+        (by_hand("x", operation=2), "operation is 2"),
+    ],
+)
+@pytest.mark.parametrize("there", [False, True])
+@pytest.mark.parametrize("whole", [None, True, False])
+def test_an_object_that_is_not_understood_is_unknown(bad, why: str, there, whole) -> None:
+    """However it came; until it is added as it should be, or removed, or all is told anew."""
+    world = LiveScene.of(load_scene("scenario-4"))
+    if there:
+        world = world.heard(by_hand("x"))
+    others = (by_hand("pole"), by_hand("target/t")) if whole else (by_hand("pole"),)
+    item = bad if whole is None else scene_message(bad, *others, is_diff=not whole)
+    world = world.heard(item)
+    assert list(world.unknown) == ["x"]
+    with pytest.raises(InvalidSceneError, match=f"(?s)not understood: collision object 'x'.*{why}"):
+        world.scene()
+    if whole is not None:
+        assert "pole" in world.held, "what is understood is there"
+    still = world.heard(by_hand("x", operation=3, pose=pose_at(0.5, 0, 0)))
+    assert list(still.unknown) == ["x"], "its shape is not known"
+    for mended in (by_hand("x"), in_frame("camera", operation=1), by_hand("", operation=1),
+                   scene_message(by_hand("target/t"))):  # fmt: skip
+        assert not world.heard(mended).unknown
+
+
+def test_a_motion_that_is_not_understood_is_mended_by_another() -> None:
+    world = LiveScene.of(load_scene("scenario-4")).heard(by_hand("x"))
+    lost = world.heard(in_frame("camera", operation=3))
+    assert list(lost.unknown) == ["x"]
+    found = lost.heard(by_hand("x", operation=3, pose=pose_at(0.5, 0, 0)))
+    assert not found.unknown
+    assert found.scene().static[-1].position.tolist() == [0.5, 0, 0]
+
+
+def held_by_robot(operation: int):
+    item = message("moveit_msgs/msg/AttachedCollisionObject", object=by_hand("cup"))
+    item.object.operation = operation
+    state = message("moveit_msgs/msg/RobotState", attached_collision_objects=[item])
+    return scene_message(robot_state=state, is_diff=True)
+
+
+def padded(value: float):
+    link = message("moveit_msgs/msg/LinkPadding", link_name="link7", padding=value)
+    return scene_message(by_hand("pole"), link_padding=[link], is_diff=True)
+
+
+def test_what_a_scene_states_beside_objects_is_unknown_until_it_is_mended() -> None:
+    world = LiveScene.of(load_scene("scenario-4"))
+    lost = world.heard(padded(0.01))
+    assert "pole" in lost.held
+    assert list(lost.heard(by_hand("", operation=1)).unknown) == ["link_padding of 'link7'"]
+    assert not lost.heard(padded(0.0)).unknown
+    lost = world.heard(held_by_robot(0)).heard(by_hand("cup"))
+    assert len(lost.unknown) == 1
+    lost = lost.heard(held_by_robot(1))  # where it was put down is not told
+    assert list(lost.unknown) == ["cup"]
+    assert not lost.heard(by_hand("cup")).unknown
+
+
+def test_a_start_that_is_not_understood_does_not_take_the_objects_along() -> None:
+    state = message("sensor_msgs/msg/JointState", name=["joint1"], position=[0.0])
+    robot_state = message("moveit_msgs/msg/RobotState", joint_state=state)
+    world = LiveScene.of(load_scene("scenario-4"))
+    lost = world.heard(scene_message(by_hand("pole"), robot_state=robot_state, is_diff=True))
+    assert "pole" in lost.held
+    with pytest.raises(InvalidSceneError, match=r"robot_state.joint_state: joint joint2"):
+        lost.scene()
+    assert not lost.at(world.scene().start).unknown
 
 
 @pytest.mark.parametrize(
@@ -343,13 +437,13 @@ def test_what_a_world_cannot_use_is_refused_by_name(item, words: str) -> None:
             np.zeros(14),
             "prefixes left_, right_: must be one arm",
         ),
-        ([], np.zeros(7), "name is empty"),
+        ([], np.zeros(7), "is missing; it names none"),
     ],
 )
 def test_joints_that_are_not_the_robots_are_refused(names, positions, words: str) -> None:
     state = message("sensor_msgs/msg/JointState", name=names, position=positions)
-    with pytest.raises(InvalidRequestError, match=words):
-        LiveScene.of(load_scene("scenario-4")).heard(state)
+    with pytest.raises((InvalidRequestError, StartInvalidError), match=words):
+        LiveScene.of(load_scene("scenario-4")).heard(state).arm.known(None)
 
 
 def test_another_message_is_refused() -> None:

@@ -11,10 +11,11 @@ from tests.robots.groups import along, groups
 
 from optipromp import judge, plan
 from optipromp.core import judging
-from optipromp.core.errors import Code
+from optipromp.core.errors import Code, InvalidRequestError, StartInvalidError
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots.library import Choice
 from optipromp.core.scenes import JointGoal, Pose, PoseGoal, RegionGoal, Scene, load_scene
+from optipromp.core.trajectory import State
 from optipromp_ros import (
     LiveScene,
     Recorded,
@@ -28,6 +29,7 @@ from optipromp_ros import (
 from optipromp_ros.live import read_goal
 from optipromp_ros.loop import MOVEIT
 from optipromp_ros.scenes import pose_message
+from optipromp_ros.trajectories import time_message
 from optipromp_ros.types import constants
 
 SCENE = load_scene("scenario-3")
@@ -42,6 +44,13 @@ def request(**fields):
 
 def joint_state(q, names=ROBOT.joint_names):
     return message("sensor_msgs/msg/JointState", name=names, position=q)
+
+
+def world_of(scene, q=None):
+    """The world of a scene whose arm was heard, at the scene's start."""
+    arm = resolve(scene)
+    state = joint_state(arm.start if q is None else q, arm.robot.joint_names)
+    return LiveScene.of(scene).heard(state)
 
 
 def test_a_recorded_session_is_answered(tmp_path: Path) -> None:
@@ -95,7 +104,7 @@ def test_a_recorded_session_is_answered(tmp_path: Path) -> None:
 
 
 def test_the_answer_is_the_plan_of_the_scene() -> None:
-    found = answer(LiveScene.of(SCENE), request())
+    found = answer(world_of(SCENE), request())
     (back,) = read_trajectories(found.trajectory, ROBOT.joint_names)
     assert np.array_equal(back.positions, plan(SCENE).trajectory.positions)
 
@@ -103,7 +112,7 @@ def test_the_answer_is_the_plan_of_the_scene() -> None:
 def test_the_start_of_the_request_comes_before_that_of_the_topics() -> None:
     start = SCENE.start + 0.02
     state = message("moveit_msgs/msg/RobotState", joint_state=joint_state(start))
-    found = answer(LiveScene.of(SCENE), request(start_state=state))
+    found = answer(world_of(SCENE), request(start_state=state))
     assert found.trajectory.points[0].positions.tolist() == start.tolist()
     assert found.response.trajectory_start.joint_state.position.tolist() == start.tolist()
 
@@ -114,7 +123,7 @@ def test_a_start_that_moves_is_joined_without_a_jump() -> None:
     state = joint_state(now.q)
     state.velocity = np.array(now.velocity)
     begin = message("moveit_msgs/msg/RobotState", joint_state=state)
-    found = answer(LiveScene.of(SCENE), request(start_state=begin))
+    found = answer(world_of(SCENE), request(start_state=begin))
     assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
     first = found.trajectory.points[0]
     np.testing.assert_allclose(first.positions, now.q, atol=1e-9)
@@ -127,10 +136,10 @@ def test_a_start_whose_velocities_are_noise_is_at_rest() -> None:
     state = joint_state(SCENE.start)
     state.velocity = np.full(7, 0.004)
     begin = message("moveit_msgs/msg/RobotState", joint_state=state)
-    found = answer(LiveScene.of(SCENE), request(start_state=begin))
+    found = answer(world_of(SCENE), request(start_state=begin))
     assert not found.trajectory.points[0].velocities.any()
     state.velocity = np.zeros(3)
-    refused = answer(LiveScene.of(SCENE), request(start_state=begin)).response.error_code
+    refused = answer(world_of(SCENE), request(start_state=begin)).response.error_code
     assert "3 velocities for 7 names: must be as many, or none" in refused.message
 
 
@@ -141,7 +150,7 @@ def test_scaling_factors_are_shares_of_the_limits(velocity: float, acceleration:
     asked = request(
         max_velocity_scaling_factor=velocity, max_acceleration_scaling_factor=acceleration
     )
-    found = answer(LiveScene.of(SCENE), asked)
+    found = answer(world_of(SCENE), asked)
     assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
     (motion,) = read_trajectories(found.trajectory)
     assert motion.duration == pytest.approx(found.plan.trajectory.duration)
@@ -159,9 +168,160 @@ def joint_goal(q, names=ROBOT.joint_names):
     return message("moveit_msgs/msg/Constraints", joint_constraints=constraints)
 
 
+def test_without_joint_states_only_a_stated_start_is_planned_from() -> None:
+    refused = answer(LiveScene.of(SCENE), request()).response.error_code
+    assert refused.val == CODES["START_STATE_INVALID"]
+    assert "no joint states were heard; or state the start_state" in refused.message
+    begin = message("moveit_msgs/msg/RobotState", joint_state=joint_state(SCENE.start))
+    assert answer(LiveScene.of(SCENE), request(start_state=begin)).trajectory is not None
+    nameless = message("moveit_msgs/msg/RobotState", joint_state=joint_state(SCENE.start, ()))
+    refused = answer(world_of(SCENE), request(start_state=nameless)).response.error_code
+    assert "start_state.joint_state: name is empty" in refused.message
+
+
+SECOND = 1_000_000_000  # [ns]
+
+
+def stamped(stamp: int, q=SCENE.start, velocity=()):
+    item = joint_state(q)
+    item.velocity = np.array(velocity, dtype=float)
+    item.header = message("std_msgs/msg/Header", stamp=time_message(stamp))
+    return item
+
+
+@pytest.mark.parametrize(
+    ("stamp", "came", "asked", "words"),
+    [
+        (100.0, 100.0, 100.9, ""),
+        (0.0, 100.0, 100.9, ""),  # without a stamp
+        (100.0, None, 100.9, ""),
+        (100.0, 100.0, 101.1, "are 1.1 s old: must be at most 1 s"),
+        (0.0, 100.0, 101.1, "are 1.1 s old"),
+        (98.0, 100.0, 100.0, "are 2.0 s old"),  # a driver that says again what it knows
+        (102.0, 100.0, 100.0, "are 2.0 s ahead of the clock"),
+        (100.0, 100.0, 90.0, "are 10.0 s ahead of the clock"),  # the clock was set back
+        (0.0, None, 100.0, "are inf s old"),
+    ],
+)
+def test_states_of_the_arm_count_for_a_second(stamp, came, asked, words: str) -> None:
+    item = stamped(round(stamp * SECOND), velocity=np.zeros(7))
+    arrival = None if came is None else round(came * SECOND)
+    world = LiveScene.of(SCENE).heard(item, arrival)
+    far = [pose_goal((3.0, 0, 0), np.eye(3), "tool")]
+    found = answer(world, request(goal_constraints=far), now=round(asked * SECOND))
+    told = found.response.error_code.message
+    assert (words in told) if words else told.startswith("GOAL_UNREACHABLE")
+
+
+@pytest.mark.parametrize(("speed", "rests"), [(0.0, True), (0.005, True), (0.02, False)])
+def test_states_without_velocities_tell_of_a_motion(speed: float, rests: bool) -> None:
+    """By where the arm was in the last second; noise of an encoder is no motion."""
+    world, now, noise = LiveScene.of(SCENE), SECOND, np.random.default_rng(0)
+    for k in range(75):
+        now = SECOND + k * SECOND // 50
+        q = SCENE.start + speed * k / 50 + noise.normal(0.0, 3e-4, 7)
+        world = world.heard(stamped(now, q), now)
+    if rests:
+        assert not world.arm.at_rest(world.joints, now).moving
+    else:
+        with pytest.raises(StartInvalidError, match="have no velocities, and by their positions"):
+            world.arm.at_rest(world.joints, now)
+
+
+def test_a_state_that_is_not_understood_makes_the_one_before_unknown() -> None:
+    world = world_of(SCENE)
+    for bad, words in (
+        (joint_state(SCENE.start[:3], ROBOT.joint_names[:3]), "joint4, joint5, joint6, joint7 is"),
+        (joint_state(np.where(np.arange(7) == 3, np.inf, SCENE.start)), "joint4 is inf"),
+    ):
+        lost = world.heard(bad)
+        told = answer(lost, request()).response.error_code
+        assert told.val == CODES["START_STATE_INVALID"]
+        assert words in told.message
+        assert not lost.heard(joint_state(SCENE.start)).arm.why
+
+
+def test_the_arm_of_the_prefix_is_heard() -> None:
+    both = [f"{arm}_joint{k}" for arm in ("left", "fr3") for k in range(1, 8)]
+    q = np.concatenate([SCENE.start + 0.3, SCENE.start])
+    world = LiveScene.of(SCENE, PREFIX).heard(joint_state(q, both))
+    assert world.arm.known(None).q.tolist() == SCENE.start.tolist()
+    other = joint_state(q[:7], both[:7])
+    with pytest.raises(InvalidRequestError, match=r"fr3_joint1, .* is missing"):
+        world.heard(other)
+    for fields in (
+        {"start_state": message("moveit_msgs/msg/RobotState", joint_state=other)},
+        {"goal_constraints": [joint_goal(q[:7], both[:7])]},
+    ):
+        refused = answer(world, request(**fields), prefix=PREFIX).response.error_code.message
+        assert "joint fr3_joint1, fr3_joint2" in refused
+
+
+@pytest.mark.parametrize(
+    ("q", "velocity", "words"),
+    [
+        (0.009, 0.0, ""),
+        (0.011, 0.0, "the plan begins 0.011 from where joint"),
+        (0.0, 0.5, "the plan begins with a velocity 0.5 from where joint"),
+        (0.0, None, ""),  # nothing is said of velocities
+    ],
+)
+def test_a_plan_begins_where_the_arm_is(q: float, velocity, words: str) -> None:
+    state = stamped(0, SCENE.start + q, () if velocity is None else np.full(7, velocity))
+    arm, begin = LiveScene.of(SCENE).heard(state).arm, State(SCENE.start)
+    if words:
+        with pytest.raises(StartInvalidError, match=words):
+            arm.begins(begin, ROBOT.joint_names, None)
+    else:
+        arm.begins(begin, ROBOT.joint_names, None)
+
+
+def test_an_obstacle_that_is_not_understood_is_a_refusal() -> None:
+    header = message("std_msgs/msg/Header", frame_id="camera")
+    crate = message("moveit_msgs/msg/CollisionObject", id="crate", header=header)
+    world = world_of(SCENE).heard(crate)
+    told = answer(world, request()).response.error_code
+    assert told.val == CODES["INVALID_OBJECT_NAME"]
+    assert "INVALID_SCENE: not understood: collision object 'crate': header.frame_id" in (
+        told.message
+    )
+    goal = [joint_goal(SCENE.start + 0.1)]
+    assert answer(world, request(goal_constraints=goal)).plan is None
+    both = LiveScene.of(SCENE).heard(crate)  # and no joint states
+    assert "'crate'" in answer(both, request()).response.error_code.message
+    crate.operation = 1
+    assert answer(world.heard(crate), request()).trajectory is not None
+
+
+def test_joints_that_a_goal_does_not_name_stay() -> None:
+    names, goal = ROBOT.joint_names[:2], SCENE.start[:2] + (0.2, 0.1)
+    found = answer(world_of(SCENE), request(goal_constraints=[joint_goal(goal, names)]))
+    assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
+    last = found.trajectory.points[-1].positions
+    np.testing.assert_allclose(last, [*goal, *SCENE.start[2:]], atol=1e-3)
+
+
+def test_one_of_several_goals_is_reached() -> None:
+    """The first is out of reach."""
+    near = SCENE.start + np.array([0.2, 0.1, 0, 0, 0, 0, 0])
+    goals = [pose_goal((3.0, 0, 0), np.eye(3), "tool"), joint_goal(near)]
+    found = answer(world_of(SCENE), request(goal_constraints=goals))
+    assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
+    np.testing.assert_allclose(found.trajectory.points[-1].positions, near, atol=1e-3)
+
+
+def test_a_position_alone_is_reached_by_the_tool() -> None:
+    wanted = ROBOT.tool_pose(SCENE.start)[0] + (0.05, -0.05, -0.05)
+    goal = without(pose_goal(wanted, np.eye(3), "tool"))
+    found = answer(world_of(SCENE), request(goal_constraints=[goal]))
+    assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
+    at, _ = ROBOT.tool_pose(found.trajectory.points[-1].positions)
+    assert np.linalg.norm(at - wanted) < 2e-3
+
+
 def test_a_goal_in_joints_leaves_the_target_to_be_avoided() -> None:
     goal = SCENE.start + np.array([0.2, 0.1, 0, 0, 0, 0, 0])
-    found = answer(LiveScene.of(SCENE), request(goal_constraints=[joint_goal(goal)]))
+    found = answer(world_of(SCENE), request(goal_constraints=[joint_goal(goal)]))
     assert found.response.error_code.val == CODES["SUCCESS"]
     np.testing.assert_allclose(found.trajectory.points[-1].positions, goal, atol=1e-3)
     assert SCENE.target.id in {item.id for item in found.plan.scene.avoid}
@@ -194,7 +354,7 @@ def test_a_pose_of_the_flange_is_that_of_the_tool(seed: int, offset) -> None:
     origins, rotations = ROBOT.segment_frames(q)
     flange = rotations[-1] @ ROBOT.flange_rotation
     place = origins[-1] + rotations[-1] @ ROBOT.flange_translation + flange @ offset
-    goal = read_goal(
+    (goal,) = read_goal(
         [pose_goal(place, flange, "fr3_flange", offset)], LiveScene.of(SCENE, PREFIX), PREFIX
     )
     assert isinstance(goal, RegionGoal)
@@ -211,7 +371,7 @@ def test_a_pose_of_the_tool_is_reached() -> None:
     turn = np.stack([side, np.cross(axis, side), axis], axis=1)
     wanted = point + (0.05, -0.05, -0.05)
     asked = request(goal_constraints=[pose_goal(wanted, turn, "tool")])
-    found = answer(LiveScene.of(SCENE), asked)
+    found = answer(world_of(SCENE), asked)
     assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
     at, along = ROBOT.tool_pose(found.trajectory.points[-1].positions)
     assert np.linalg.norm(at - wanted) < 2e-3
@@ -223,11 +383,23 @@ def test_a_pose_of_the_tool_is_reached() -> None:
 def test_a_wide_tolerance_about_z_frees_the_roll() -> None:
     asked = pose_goal((0.3, 0.1, 0.5), np.eye(3), "tool")
     world = LiveScene.of(SCENE)
-    assert isinstance(read_goal([asked], world), RegionGoal)
+    assert isinstance(read_goal([asked], world)[0], RegionGoal)
     asked.orientation_constraints[0].absolute_z_axis_tolerance = 3.15
-    goal = read_goal([asked], world)
+    (goal,) = read_goal([asked], world)
     assert isinstance(goal, PoseGoal)
     np.testing.assert_allclose(goal.axis, [0.0, 0.0, 1.0], atol=1e-12)
+
+
+def without(goal):
+    """The goal without an orientation."""
+    goal.orientation_constraints = []
+    return goal
+
+
+def unturned(goal):
+    """The goal whose orientation is a quaternion of zeros."""
+    goal.orientation_constraints[0].orientation = message("geometry_msgs/msg/Quaternion", w=0.0)
+    return goal
 
 
 @pytest.mark.parametrize(
@@ -252,10 +424,22 @@ def test_a_wide_tolerance_about_z_frees_the_roll() -> None:
             {"goal_constraints": [pose_goal((3.0, 0, 0), np.eye(3), "tool")]},
             "NO_IK_SOLUTION", "GOAL_UNREACHABLE",
         ),
-        ({"goal_constraints": [joint_goal(SCENE.start)] * 2}, "INVALID_GOAL_CONSTRAINTS",
-         "goal_constraints has 2 entries: must have one"),
         ({"goal_constraints": [message("moveit_msgs/msg/Constraints")]}, "INVALID_GOAL_CONSTRAINTS",
          "has 0 joint, 0 position and 0 orientation constraints: must have"),
+        ({"goal_constraints": [without(pose_goal((0, 0, 0), np.eye(3), "flange"))]},
+         "INVALID_GOAL_CONSTRAINTS", "without an orientation constraint it must be of 'tool'"),
+        ({"goal_constraints": [unturned(pose_goal((0.4, 0, 0.5), np.eye(3), "tool"))]},
+         "INVALID_GOAL_CONSTRAINTS", "must be a unit quaternion"),
+        ({"goal_constraints": [joint_goal([np.nan] * 7)]}, "INVALID_GOAL_CONSTRAINTS", "joints"),
+        ({"goal_constraints": [joint_goal([0.1], ["left_joint1"])]}, "INVALID_GOAL_CONSTRAINTS",
+         "joint_constraints: joint joint1"),
+        ({"allowed_planning_time": np.nan}, "INVALID_GOAL_CONSTRAINTS",
+         "allowed_planning_time is nan: must be above 0 s"),
+        ({"allowed_planning_time": -1.0}, "INVALID_GOAL_CONSTRAINTS", "planning_time is -1"),
+        ({"max_cartesian_speed": np.nan}, "INVALID_GOAL_CONSTRAINTS", "max_cartesian_speed: must"),
+        ({"start_state": message("moveit_msgs/msg/RobotState", multi_dof_joint_state=message(
+            "sensor_msgs/msg/MultiDOFJointState", joint_names=["floating"]))},
+         "INVALID_GOAL_CONSTRAINTS", "start_state.multi_dof_joint_state: must be empty"),
         ({"goal_constraints": [pose_goal((0, 0, 0), np.eye(3), "hand")]},
          "INVALID_GOAL_CONSTRAINTS", "link_name is 'hand': both constraints must name 'tool'"),
         ({"goal_constraints": [pose_goal((0, 0, 0), np.eye(3), "tool", frame="camera")]},
@@ -263,7 +447,7 @@ def test_a_wide_tolerance_about_z_frees_the_roll() -> None:
     ],
 )  # fmt: skip
 def test_what_cannot_be_planned_is_answered_with_a_code(fields, code: str, words: str) -> None:
-    found = answer(LiveScene.of(SCENE), request(group_name="arm", **fields))
+    found = answer(world_of(SCENE), request(group_name="arm", **fields))
     error = found.response.error_code
     assert error.val == CODES[code]
     assert words in error.message
@@ -274,13 +458,13 @@ def test_what_cannot_be_planned_is_answered_with_a_code(fields, code: str, words
 
 def test_a_world_without_a_target_is_answered() -> None:
     empty = message("moveit_msgs/msg/CollisionObject", operation=1)
-    found = answer(LiveScene.of(SCENE).heard(empty), request())
+    found = answer(world_of(SCENE).heard(empty), request())
     assert found.response.error_code.val == CODES["INVALID_OBJECT_NAME"]
     assert "no target" in found.response.error_code.message
 
 
 def test_time_that_is_too_short_is_said_and_the_motion_shown() -> None:
-    found = answer(LiveScene.of(SCENE), request(allowed_planning_time=1e-6))
+    found = answer(world_of(SCENE), request(allowed_planning_time=1e-6))
     assert found.response.error_code.val == CODES["TIMED_OUT"]
     assert found.trajectory is None
     assert found.display.trajectory[0].joint_trajectory.points
@@ -301,7 +485,7 @@ def test_a_group_of_other_joints_than_the_arms_is_refused(tmp_path: Path) -> Non
     two = Scene(
         "two", "two.urdf", (), goal=JointGoal(np.zeros(5)), base_dir=tmp_path, choice=choice
     )
-    world = LiveScene.of(two)
+    world = world_of(two)
     for name in ("arm_with_torso", "none"):
         refused = answer(world, request(group_name=name))
         assert refused.plan is None
@@ -310,4 +494,4 @@ def test_a_group_of_other_joints_than_the_arms_is_refused(tmp_path: Path) -> Non
         assert f"group_name is '{name}': this node plans for arm (" in told
     for name in ("arm", ""):
         assert answer(world, request(group_name=name)).plan is not None
-    assert answer(LiveScene.of(SCENE), request(group_name="panda_arm")).plan is not None
+    assert answer(world_of(SCENE), request(group_name="panda_arm")).plan is not None

@@ -234,10 +234,18 @@ class Guard:
             waiting += self._instead(told, begin.q, wanted)
         if self._curve is None:  # nothing passed before: brake from here
             still = Change.of(self.robot, begin, np.zeros_like(wish), self.parameters.period)
-            curve = stopping(self.robot, still, self.parameters.period)
-        else:
-            curve = self._curve
-        return self._given(curve, first, 0.0, braked=True)
+            self._curve = stopping(self.robot, still, self.parameters.period)
+        return self._given(self._curve, first, 0.0, braked=True)
+
+    def blind(self, reason: str) -> Safe | None:
+        """The action of a period in which nothing can be decided, as without a state of the arm.
+
+        The arm goes on along the braking curve that passed last; at its end it stands. None:
+        nothing was given before, so the arm is not known to move. ``reason``: of :class:`Safe`.
+        """
+        if self._curve is None:
+            return None
+        return self._given(self._curve, Refusal("limits", reason), 0.0, braked=True)
 
     def tool(self, linear: FloatArray, state: State, axis: FloatArray | None = None) -> FloatArray:
         """The action (n,) of a velocity of the tool point; see :func:`.motion.joints_for`."""

@@ -1,21 +1,27 @@
 """``optipromp ros-node``: the planner as a node of ROS 2; the only file that imports rclpy."""
 
+import re
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing import get_context
-from time import monotonic_ns
+from time import monotonic_ns, sleep
 from typing import TYPE_CHECKING, Any
 
 import optipromp
 from optipromp.cli.command import command
 from optipromp.cli.console import Recorded, say_if_compiling
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import ExecutionError, InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp_eyes.watcher import Watcher
     from optipromp_ros import DetectionParameters, GuardFilter, LiveScene, Message, PickLoop
+
+HERE = 1.0  # [s] in which a controller that runs is found: a choice
+ACCEPTS = 5.0  # [s] in which a controller accepts a goal, or rejects it: a choice
+LATE = 10.0  # [s] after a motion in which its result comes: a choice
+SUCCEEDED = 4  # of action_msgs/GoalStatus
 
 
 @command(reports=False)
@@ -36,7 +42,8 @@ def ros_node(
     """Plan on request: a node of ROS 2 with MoveIt's service GetMotionPlan.
 
     Listens to planning_scene, collision_object and joint_states. Offers the service
-    optipromp/plan, and publishes optipromp/joint_trajectory and display_planned_path.
+    optipromp/plan, and publishes optipromp/joint_trajectory, display_planned_path and
+    optipromp/status.
     Needs ROS 2 (rclpy, moveit_msgs, control_msgs) and the extra ros.
 
     With --loop it picks in closed loop: it listens to optipromp/detections (vision_msgs), or to a
@@ -100,76 +107,173 @@ def ros_node(
 
 
 def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) -> None:
-    """Carry messages between ROS and :func:`optipromp_ros.answer` until the node is shut down."""
+    """Carry messages between ROS and :func:`optipromp_ros.answer` until the node is shut down.
+
+    Messages are heard while a plan is made or executed, so that where the arm is stays known.
+    """
     import rclpy
-    from control_msgs.action import FollowJointTrajectory
     from moveit_msgs.srv import GetMotionPlan
-    from rclpy.action import ActionClient
-    from rclpy.executors import ExternalShutdownException
+    from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
+    from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
     from rclpy.serialization import deserialize_message
 
-    from optipromp_ros import Message, answer, to_bytes
+    from optipromp_ros import Message, PlanAnswer, answer, to_bytes
+    from optipromp_ros.loop import not_executed
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
-    from optipromp_ros.types import copied
+    from optipromp_ros.types import ERROR, OK, STATUS, WARN, copied, diagnostic
 
-    def heard(item: Message, _: str) -> None:
+    def now() -> int:
+        return int(node.get_clock().now().nanoseconds)
+
+    def tell(level: int, words: str) -> None:
+        status(diagnostic(level, "plan", words, world.robot.name))
+
+    def heard(item: Message, topic: str) -> None:
         nonlocal world
-        world = world.heard(item)
+        before, world = world, world.heard(item, now())
+        if world.arm.why and world.arm is not before.arm:
+            warn(f"{topic}: {world.arm.why}")
+        for what, why in world.unknown.items():
+            if before.unknown.get(what) != why:
+                node.get_logger().warning(f"{topic}: {why}")
+                tell(WARN, f"not understood: {why}")
+
+    def lost(topic: str, why: str) -> None:
+        nonlocal world
+        world = world.marked(f"message of {topic}", f"a message of {topic}: {why}")
 
     def plan(request: Any, response: Any) -> Any:
         asked = copied(request.motion_plan_request, "moveit_msgs/msg/MotionPlanRequest")
-        found = answer(world, asked, **settings)
-        kind = type(response.motion_plan_response)
-        response.motion_plan_response = deserialize_message(to_bytes(found.response), kind)
+        found = answer(world, asked, now=now(), **settings)
         if found.display is not None:
             display(found.display)
         if found.trajectory is not None:
-            publish(found.trajectory)
-            if controller is not None:
-                motion = deserialize_message(to_bytes(found.trajectory), _kind(JOINT_TRAJECTORY))
-                controller.send_goal_async(FollowJointTrajectory.Goal(trajectory=motion))
+            try:
+                follow(found)
+            except OptiPrompError as error:
+                found = not_executed(asked, found, error)
+        told = found.response.error_code
+        tell(OK if told.val == 1 else ERROR, told.message)
+        response.motion_plan_response = deserialize_message(
+            to_bytes(found.response), type(response.motion_plan_response)
+        )
         return response
+
+    def follow(found: PlanAnswer) -> None:
+        """Publish a plan, and have the controller execute it to its end."""
+        assert found.plan is not None
+        motion = found.plan.trajectory
+        if controller is None:
+            publish(found.trajectory)
+            return
+
+        def ready() -> None:
+            world.arm.begins(motion.at(0.0), world.joints, now())
+            publish(found.trajectory)
+
+        controller(found.trajectory, motion.duration, ready)
+        found.response.error_code.message += f"; {execute} executed it"
 
     rclpy.init()
     node = rclpy.create_node("optipromp")
+    warn = _warner(node)
     publish = _publisher(node, "~/joint_trajectory", JOINT_TRAJECTORY)
     display = _publisher(node, "display_planned_path", "moveit_msgs/msg/DisplayTrajectory")
-    controller = ActionClient(node, FollowJointTrajectory, execute) if execute else None
-    _listen(node, "planning_scene", "moveit_msgs/msg/PlanningScene", heard)
-    _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard)
+    status = _publisher(node, "~/status", STATUS)
+    controller = _controller(node, execute, lambda words: tell(OK, words)) if execute else None
+    _listen(node, "planning_scene", "moveit_msgs/msg/PlanningScene", heard, lost=lost)
+    _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard, lost=lost)
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
-    node.create_service(GetMotionPlan, "~/plan", plan)
+    node.create_service(
+        GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
+    )  # beside that of what is heard
     with suppress(ExternalShutdownException):
-        rclpy.spin(node)
+        rclpy.spin(node, MultiThreadedExecutor(2))
+
+
+def _controller(
+    node: Any, action: str, tell: Callable[[str], None]
+) -> Callable[["Message", float, Callable[[], None]], None]:
+    """What has a controller execute a JointTrajectory to its end.
+
+    It takes the message, its duration [s], and what is called right before it is sent. It raises
+    ExecutionError where the controller is absent, rejects, or does not reach the end.
+    """
+    import rclpy
+    from control_msgs.action import FollowJointTrajectory
+    from rclpy.action import ActionClient
+    from rclpy.serialization import deserialize_message
+
+    from optipromp_ros import to_bytes
+    from optipromp_ros.trajectories import JOINT_TRAJECTORY
+
+    client = ActionClient(node, FollowJointTrajectory, action)
+
+    def waited(future: Any, what: str, longest: float) -> Any:
+        end = node.get_clock().now().nanoseconds + 1e9 * longest
+        while not future.done():
+            if node.get_clock().now().nanoseconds > end or not rclpy.ok():
+                told = f"{action} gave no {what} within {longest:.1f} s"
+                raise ExecutionError(f"{told}: the arm may move")
+            sleep(0.01)
+        return future.result()
+
+    def execute(motion: "Message", duration: float, ready: Callable[[], None]) -> None:
+        if not client.wait_for_server(timeout_sec=HERE):
+            raise ExecutionError(f"no controller has the action {action}: nothing was sent")
+        item = deserialize_message(to_bytes(motion), _kind(JOINT_TRAJECTORY))
+        ready()
+        goal = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=item))
+        handle = waited(goal, "answer to the goal", ACCEPTS)
+        if not handle.accepted:
+            raise ExecutionError(f"{action} rejected the plan")
+        tell(f"{action} accepted the plan")
+        done = waited(handle.get_result_async(), "result", duration + LATE)
+        if done.status != SUCCEEDED or done.result.error_code:
+            raise ExecutionError(
+                f"{action} did not reach the end: status {done.status} (must be {SUCCEEDED}), "
+                f"error_code {done.result.error_code} {done.result.error_string!r}"
+            )
+
+    return execute
 
 
 def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) -> None:
-    """Carry commands between ROS and the guard until the node is shut down."""
+    """Carry commands between ROS and the guard until the node is shut down; then the arm brakes.
+
+    So it does where an error ends the node. ROS's handlers of signals would end the topics first.
+    """
     import rclpy
     from rclpy.executors import ExternalShutdownException
+    from rclpy.signals import SignalHandlerOptions
 
     from optipromp_ros.guard import COMMAND
     from optipromp_ros.live import DETECTIONS
+    from optipromp_ros.types import STATUS
 
     def heard(item: "Message", _: str) -> None:
         filtered.heard(item, node.get_clock().now().nanoseconds)
 
     def tick() -> None:
-        made = filtered.tick(node.get_clock().now().nanoseconds)
-        if made is not None:
-            send(made)
-        if filtered.safe is not None and filtered.safe.reason:
-            node.get_logger().warning(filtered.safe.reason, throttle_duration_sec=1.0)
+        send(filtered.tick(node.get_clock().now().nanoseconds))
+        status(filtered.status())
 
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("optipromp")
     send = _publisher(node, moved, COMMAND)
+    status = _publisher(node, "~/status", STATUS)
     _listen(node, asked, COMMAND, heard, 1)  # the newest
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard, 1)
     _listen(node, detections, DETECTIONS, heard)
-    node.create_timer(filtered.guard.parameters.period, tick)
+    period = filtered.guard.parameters.period
+    node.create_timer(period, tick)
     with suppress(ExternalShutdownException):
-        rclpy.spin(node)
+        try:
+            rclpy.spin(node)
+        finally:
+            for made in filtered.ending() if rclpy.ok() else ():
+                send(made)
+                sleep(period)
 
 
 def _kind(name: str) -> Any:
@@ -187,19 +291,49 @@ def _publisher(node: Any, topic: str, name: str) -> Callable[["Message"], None]:
 
 
 def _listen(
-    node: Any, topic: str, name: str, take: Callable[["Message", str], None], qos: Any = 10
+    node: Any,
+    topic: str,
+    name: str,
+    take: Callable[["Message", str], None],
+    qos: Any = 10,
+    lost: Callable[[str, str], None] | None = None,
 ) -> None:
     """Let ``take`` have the messages of a topic, as they came: rclpy's ``serialize_message`` puts
-    bytes of no meaning behind them."""
+    bytes of no meaning behind them.
+
+    ``lost``: it hears of each message that cannot be decoded, as another release's.
+    """
     from optipromp_ros import from_bytes
+
+    warn = _warner(node)
 
     def heard(data: bytes) -> None:
         try:
-            take(from_bytes(data, name), topic)
+            item = from_bytes(data, name)
         except OptiPrompError as error:
-            node.get_logger().warning(f"{topic}: {error}", throttle_duration_sec=5.0)
+            warn(f"{topic}: {error}")
+            if lost is not None:
+                lost(topic, error.message)
+            return
+        try:
+            take(item, topic)
+        except OptiPrompError as error:
+            warn(f"{topic}: {error}")
 
     node.create_subscription(_kind(name), topic, heard, qos, raw=True)
+
+
+def _warner(node: Any) -> Callable[[str], None]:
+    """What warns in the node's log, once of each thing, whatever the measured values in it."""
+    said = set[str]()
+
+    def warn(text: str) -> None:
+        kind = re.sub(r"\d+\.\d+", "#", text)
+        if kind not in said:
+            said.add(kind)
+            node.get_logger().warning(text)
+
+    return warn
 
 
 def _meaning(given: list[str]) -> "DetectionParameters":
@@ -256,6 +390,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
 
     from optipromp_ros.images import PICTURES
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
+    from optipromp_ros.types import STATUS
 
     def tick() -> None:
         clock = node.get_clock()
@@ -270,7 +405,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     rclpy.init()
     node = rclpy.create_node("optipromp")
     curve = _publisher(node, moved, JOINT_TRAJECTORY)
-    status = _publisher(node, "~/status", "diagnostic_msgs/msg/DiagnosticStatus")
+    status = _publisher(node, "~/status", STATUS)
     kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
     _listen(node, "/tf_static", "tf2_msgs/msg/TFMessage", loop.heard, kept)
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard, 1)  # the newest

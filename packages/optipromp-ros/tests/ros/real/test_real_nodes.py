@@ -24,10 +24,11 @@ from control_msgs.action import FollowJointTrajectory  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
 from moveit_msgs.msg import CollisionObject, DisplayTrajectory, PlanningScene  # noqa: E402
 from moveit_msgs.srv import GetMotionPlan  # noqa: E402
-from rclpy.action import ActionServer  # noqa: E402
+from rclpy.action import ActionServer, GoalResponse  # noqa: E402
 from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState  # noqa: E402
+from std_msgs.msg import Float64MultiArray  # noqa: E402
 from tests.perception.shots import shot_of  # noqa: E402
 from tests.ros.camera_messages import FRAME, compressed, frames, image, info  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
@@ -115,7 +116,7 @@ def state(node: Any, q: Any = SCENE.start) -> JointState:
 
 def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any) -> None:
     """A planning scene, an object and the arm in; a plan out, which an action server executes."""
-    begin, executed, shown = SCENE.start + 0.01, [], []
+    begin, executed, shown, said = SCENE.start + 0.01, [], [], []
 
     def execute(goal: Any) -> Any:
         executed.append(goal.request.trajectory)
@@ -124,6 +125,7 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
 
     server = ActionServer(node, FollowJointTrajectory, "/arm/follow_joint_trajectory", execute)
     node.create_subscription(DisplayTrajectory, "display_planned_path", shown.append, 10)
+    node.create_subscription(DiagnosticStatus, "/optipromp/status", said.append, 10)
     scenes = node.create_publisher(PlanningScene, "planning_scene", 10)
     objects = node.create_publisher(CollisionObject, "collision_object", 10)
     states = node.create_publisher(JointState, "joint_states", 10)
@@ -139,14 +141,22 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
     end = time.monotonic() + 1.0
     until(node, lambda: time.monotonic() > end)
     objects.publish(apart)
-    end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, each=lambda: states.publish(state(node, begin)))
     asked = GetMotionPlan.Request()
     asked.motion_plan_request.group_name = "arm"
     answer = client.call_async(asked)
-    until(node, lambda: answer.done() and executed and shown)
+    until(node, answer.done)
+    refused = answer.result().motion_plan_response.error_code
+    assert "no joint states were heard" in refused.message
+    standing = {"each": lambda: states.publish(state(node, begin))}
+    end = time.monotonic() + 1.0
+    until(node, lambda: time.monotonic() > end, **standing)
+    answer = client.call_async(asked)
+    until(node, lambda: answer.done() and executed and shown, **standing)
     found = answer.result().motion_plan_response
     assert found.error_code.val == 1, found.error_code.message
+    assert found.error_code.message.endswith("; /arm/follow_joint_trajectory executed it")
+    until(node, lambda: said and said[-1].message == found.error_code.message)
+    assert "/arm/follow_joint_trajectory accepted the plan" in {item.message for item in said}
     assert found.group_name == "arm"
     (motion,) = executed
     assert list(motion.joint_names) == NAMES
@@ -158,6 +168,81 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
     until(node, answer.done)
     assert "planner_id is 'RRT'" in answer.result().motion_plan_response.error_code.message
     server.destroy()
+
+
+@pytest.mark.parametrize("server", ["absent", "rejects", "aborts"])
+def test_what_a_controller_does_with_a_plan_is_told(node: Any, start: Any, server: str) -> None:
+    """An obstacle in an unknown frame comes before, while a gripper speaks on the same topic."""
+
+    def abort(goal: Any) -> Any:
+        goal.abort()
+        return FollowJointTrajectory.Result(error_code=-4, error_string="too far")
+
+    def accept(_: Any) -> Any:
+        return GoalResponse.REJECT if server == "rejects" else GoalResponse.ACCEPT
+
+    name = "/arm/follow_joint_trajectory"
+    if server != "absent":
+        made = ActionServer(node, FollowJointTrajectory, name, abort, goal_callback=accept)
+    states = node.create_publisher(JointState, "joint_states", 10)
+    objects = node.create_publisher(CollisionObject, "collision_object", 10)
+    client = node.create_client(GetMotionPlan, "/optipromp/plan")
+    start("-m", "optipromp", "ros-node", "scenario-3", "--prefix", "fr3_", "--execute", name)
+    until(node, client.service_is_ready)
+    until(node, lambda: min(p.get_subscription_count() for p in (states, objects)) > 0)
+
+    def speak() -> None:
+        states.publish(state(node))
+        states.publish(JointState(name=["fr3_finger_joint1"], position=[0.04]))
+
+    def asked() -> str:
+        answer = client.call_async(GetMotionPlan.Request())
+        until(node, answer.done, each=speak)
+        return str(answer.result().motion_plan_response.error_code.message)
+
+    crate = CollisionObject(id="crate")
+    crate.header.frame_id = "camera"
+    objects.publish(crate)
+    end = time.monotonic() + 1.0
+    until(node, lambda: time.monotonic() > end, each=speak)
+    assert asked().startswith("INVALID_SCENE: not understood: collision object 'crate'")
+    crate.operation = CollisionObject.REMOVE
+    objects.publish(crate)
+    end = time.monotonic() + 1.0
+    until(node, lambda: time.monotonic() > end, each=speak)
+    words = {"absent": "no controller has", "rejects": "rejected the plan", "aborts": "too far"}
+    told = asked()
+    assert told.startswith("EXECUTION_FAILED"), told
+    assert words[server] in told
+    if server != "absent":
+        made.destroy()
+
+
+@pytest.mark.parametrize("end", ["silence", "SIGTERM"])
+def test_a_guard_never_falls_silent(node: Any, start: Any, end: str) -> None:
+    """The arm follows what it was sent last; then its states stop, or the guard is ended."""
+    q, sent = np.array(SCENE.start), []
+    states = node.create_publisher(JointState, "joint_states", 10)
+    policy = node.create_publisher(Float64MultiArray, "/policy", 10)
+    node.create_subscription(
+        Float64MultiArray, "/velocity", lambda item: sent.append(item.data[0]), 10
+    )
+    call = ["-m", "optipromp", "ros-node", "scenario-3", "--prefix", "fr3_", "--guard", "/policy"]
+    guard = start(*call, "--execute", "/velocity")
+
+    def move() -> None:
+        policy.publish(Float64MultiArray(data=[-0.9] + [0.0] * 6))
+        states.publish(state(node, [q[0] + 0.02 * sum(sent), *q[1:]]))
+
+    until(node, lambda: sent and sent[-1] < -0.5, each=move)
+    count = len(sent)
+    if end == "SIGTERM":
+        guard.send_signal(signal.SIGTERM)
+        until(node, lambda: guard.poll() is not None, each=move)
+    stop = time.monotonic() + 1.0
+    until(node, lambda: time.monotonic() > stop)
+    assert sent[-1] == pytest.approx(0.0, abs=1e-6)
+    assert any(-0.5 < speed < -0.02 for speed in sent[count:]), sent[count:]
 
 
 class Heard:

@@ -1,0 +1,111 @@
+"""The guard between two topics: what it sends where nothing is heard."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes import load_scene
+from optipromp_ros import GuardFilter, message
+from optipromp_ros.guard import COMMAND
+from optipromp_ros.types import ERROR, OK, WARN
+
+PERIOD = 20_000_000  # [ns]
+
+
+class Arm:
+    """An arm with a velocity controller, which keeps what it was sent last."""
+
+    def __init__(self) -> None:
+        self.filter = GuardFilter(load_scene("scenario-3"))
+        robot = self.filter.guard.robot
+        self.names, self.limits = robot.joint_names, robot
+        self.q, self.now = np.array(robot.home), 0
+        self.wish = np.zeros(7)
+        self.wish[0] = 1.0
+
+    def state(self, q: np.ndarray | None = None) -> None:
+        position = self.q if q is None else q
+        fields = {"name": self.names, "position": position}
+        self.filter.heard(message("sensor_msgs/msg/JointState", **fields), self.now)
+
+    def cycles(self, count: int, heard: bool = True) -> Iterator[np.ndarray]:
+        """What is sent in each of these cycles."""
+        for _ in range(count):
+            self.now += PERIOD
+            self.filter.heard(message(COMMAND, data=self.wish), self.now)
+            if heard:
+                self.state()
+            sent = np.array(self.filter.tick(self.now).data)
+            self.q = self.q + 0.02 * sent
+            yield sent
+
+
+def stopped(arm: Arm, before: np.ndarray, sent: list[np.ndarray]) -> None:
+    """The arm braked within its limits, and then got zeros."""
+    rates = np.abs(np.diff([before, *sent], axis=0)) / 0.02
+    assert (rates <= arm.limits.acceleration * (1 + 1e-6)).all()
+    assert sent[0][0] > 0.0 or before[0] < 0.2
+    np.testing.assert_allclose(sent[-1], 0.0, atol=1e-9)
+
+
+def test_states_that_stop_are_a_stop() -> None:
+    arm = Arm()
+    running = list(arm.cycles(20))
+    assert running[-1][0] == pytest.approx(1.0)
+    assert arm.filter.status().level == OK
+    silent = list(arm.cycles(40, heard=False))
+    late = next(k for k, sent in enumerate(silent) if sent[0] < 1.0 - 1e-9)
+    assert late == 5  # a state counts for 0.1 s
+    stopped(arm, silent[late - 1], silent[late:])
+    status = arm.filter.status()
+    assert status.level == ERROR
+    assert status.message == "joint states are 0.80 s old"
+    again = list(arm.cycles(10))  # it goes on from where it stands
+    assert np.abs(np.diff([silent[-1], *again], axis=0)).max() <= 0.02 * arm.limits.acceleration[0]
+    assert again[-1][0] > 0.1
+    assert arm.filter.status().level == OK
+
+
+def test_states_that_are_not_understood_are_none() -> None:
+    arm = Arm()
+    list(arm.cycles(20))
+    sent = []
+    for _ in range(40):
+        with pytest.raises(InvalidRequestError, match="joint3 is nan"):
+            arm.state(np.where(np.arange(7) == 2, np.nan, arm.q))
+        sent += arm.cycles(1, heard=False)
+    stopped(arm, sent[4], sent[5:])
+
+
+def test_a_clock_that_is_set_back_does_not_keep_a_state_young() -> None:
+    arm = Arm()
+    before = list(arm.cycles(20))[-1]
+    arm.now -= 10**10
+    stopped(arm, before, list(arm.cycles(40, heard=False)))
+    assert arm.filter.status().message.startswith("joint states are -")
+
+
+def test_what_cannot_be_decided_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    arm = Arm()
+    before = list(arm.cycles(20))[-1]
+    monkeypatch.setattr(arm.filter.guard, "_see", lambda *_: (_ for _ in ()).throw(ValueError("x")))
+    stopped(arm, before, list(arm.cycles(40)))
+    assert arm.filter.status().message == "nothing can be decided: x"
+
+
+def test_before_the_first_state_it_sends_zeros() -> None:
+    """The controller may have kept the last velocity of a guard that was killed."""
+    arm = Arm()
+    assert not np.array(list(arm.cycles(3, heard=False))).any()
+    assert arm.filter.status().level == ERROR
+    assert arm.filter.status().message == "no joint states"
+
+
+def test_the_status_says_why_the_command_is_another() -> None:
+    arm = Arm()
+    arm.wish = np.full(7, np.nan)
+    list(arm.cycles(1))
+    assert arm.filter.status().level == WARN
+    assert arm.filter.status().message == "the action is not finite"
