@@ -9,7 +9,7 @@ import optipromp
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.robot import ArmOptions, Named
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.files import check_folder, is_bag, write_atomically
 from optipromp.parts import part
 
@@ -114,6 +114,7 @@ def _read(path: Path, named: Named, topic: str | None) -> tuple["Demonstrations"
     """The demonstrations, in the joint order of a robot that is named; of a bag also its cuts."""
     from optipromp.core.promp import Demonstrations
     from optipromp.core.promp.checks import unnamed
+    from optipromp.core.promp.demonstrations import turn_apart
 
     robot = joints = None
     if named.name is not None:
@@ -133,7 +134,13 @@ def _read(path: Path, named: Named, topic: str | None) -> tuple["Demonstrations"
                 stacklevel=1,
             )
             recorded = Demonstrations(recorded.items, joints)
-        return recorded.for_robot(joints, robot.lower, robot.upper, str(path)), recording
+        limits = robot.lower, robot.upper, str(path), robot.turns
+        return recorded.for_robot(joints, *limits), recording
+    if told := turn_apart(recorded):
+        raise InvalidDemonstrationError(
+            f"{path}: {told}, and their mean is between: add --robot ROBOT, which puts joints that "
+            "may turn onto one turn"
+        )
     if nameless and not recorded.named:
         warnings.warn(f"{path} {NAMELESS}", stacklevel=1)
     return recorded, recording
