@@ -151,7 +151,7 @@ def _against(
     if isinstance(goal, RegionGoal):
         return _region(goal, robot, last, tip, axis, time)
     assert isinstance(goal, JointGoal)
-    error = float(np.max(np.abs(robot.apart(last, goal.joints))))
+    error = float(np.max(np.abs(robot.turns.missed(last, goal.joints))))
     text = f"the end is {error:.4f} rad from the goal configuration"
     missed = Violation("goal", text, "", time, error, "rad")
     return End(error, None, [missed] if error > GOAL_TOLERANCE else [])

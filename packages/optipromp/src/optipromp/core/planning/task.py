@@ -486,9 +486,7 @@ def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatA
 def at_goal(robot: Robot, goal: Goal, q: FloatArray) -> bool:
     """Whether configuration ``q`` (n,) is at a goal, within its tolerances."""
     if isinstance(goal, JointGoal):
-        # a turn back of a joint with limits is a way to go: a cable is wound up
-        off = np.where(robot.turns.endless, robot.apart(q, goal.joints), q - goal.joints)
-        return bool(np.max(np.abs(off)) < WITHIN)
+        return bool(np.max(np.abs(robot.turns.missed(q, goal.joints))) < WITHIN)
     point, axis = robot.tool_pose(q)
     if isinstance(goal, PoseGoal):
         near = np.linalg.norm(point - goal.position) < WITHIN

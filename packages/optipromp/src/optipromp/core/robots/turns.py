@@ -51,6 +51,13 @@ class Turns(NamedTuple):
         """How far ``q`` (..., n) is from ``other`` (..., n), without whole turns [rad or m]."""
         return np.asarray(self.onto(q, other) - other)
 
+    def missed(self, q: FloatArray, goal: FloatArray) -> FloatArray:
+        """How far ``q`` (n,) is from what was asked for [rad or m].
+
+        A turn of a joint with limits counts: it is a way to go, and unwinds a cable.
+        """
+        return np.where(self.endless, self.apart(q, goal), q - goal)
+
     def unwound(self, q: FloatArray, most: float = np.pi) -> FloatArray:
         """Rows (T, n) that follow one another, without steps of whole turns.
 
