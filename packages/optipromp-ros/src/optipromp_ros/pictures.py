@@ -35,7 +35,7 @@ class BagPicture(NamedTuple):
 
 def bag_pictures(
     path: str | os.PathLike[str], scene: Scene, *, topics: Collection[str] | None = None,
-    every: float = 1.0, camera: CameraModel | None = None,
+    every: float = 1.0, camera: CameraModel | None = None, prefix: str = "",
 ) -> Iterator[BagPicture]:  # fmt: skip
     """The pictures of a bag, in the base frame of a scene's robot.
 
@@ -51,12 +51,13 @@ def bag_pictures(
         topics: of colour and depth, or of a cloud; None: all, if there is one of each kind.
         every: seconds from one picture to the next, at least.
         camera: whose pose, in the base or on the hand, is taken in place of the bag's frames.
+        prefix: before the arm's joints and links, of one of several; empty: the only one there is.
 
     Raises:
         InvalidRequestError: no bag, no pictures, several topics of a kind, or a camera that no
             frame tells the place of.
     """
-    taken, where = Pictures(topics), _Where(scene, camera)
+    taken, where = Pictures(topics), _Where(scene, camera, prefix)
     types = TF, JOINT_STATE, CAMERA_INFO
     for topic, item, _ in read_bag(path, types=types):
         if item.__msgtype__ == CAMERA_INFO:
@@ -88,11 +89,12 @@ def bag_pictures(
 class _Where:
     """Where the camera was: by the camera's file, else by frames and joint states."""
 
-    def __init__(self, scene: Scene, camera: CameraModel | None) -> None:
-        self._robot = posed(scene)[0]
+    def __init__(self, scene: Scene, camera: CameraModel | None, prefix: str) -> None:
+        self._robot, self._prefix = posed(scene)[0], prefix
         self._world = Pose() if scene.base is None else scene.base.inverse()
         self._camera, self._frames = camera, Frames()
-        self._arm = Measured(self._robot.joint_names, self._robot.turns, what="the joint states")
+        joints, turns = self._robot.joint_names, self._robot.turns
+        self._arm = Measured(joints, turns, prefix=prefix, what="the joint states")
         self._first: int | None = None  # stamp of the first joint states [ns]
 
     def heard(self, topic: str, item: object) -> None:
@@ -138,6 +140,6 @@ class _Where:
 
     def _named(self, link: str) -> str:
         """The frame of a link; in a bag it may have a prefix."""
-        names = self._frames.names
+        names, link = self._frames.names, self._prefix + link
         fits = [name for name in names if name.endswith(link)]
         return link if link in names or len(fits) != 1 else fits[0]

@@ -85,6 +85,7 @@ def load_recording(
     joints: Sequence[str] | None = None,
     *,
     topic: str | None = None,
+    prefix: str = "",
     parameters: CutParameters | None = None,
 ) -> Recording:
     """Demonstrations from the ``sensor_msgs/JointState`` messages of a bag.
@@ -95,9 +96,10 @@ def load_recording(
 
     Args:
         path: as for :func:`optipromp_ros.read_bag`.
-        joints: of the robot, in its order (a common prefix in the messages is ignored); None:
-            those of most messages, in the order of the first such message.
+        joints: of the robot, in its order; None: those of most messages, in the order of the first
+            such message.
         topic: to read; None: the only one with joint states, or ``/joint_states``.
+        prefix: before the joints' names, of one of several arms; empty: the only one there is.
         parameters: definitions of a still phase and of a demonstration.
 
     Raises:
@@ -109,7 +111,7 @@ def load_recording(
     for item in read_bag(path, topics=None if topic is None else (topic,), types=(JOINT_STATE,)):
         by_topic.setdefault(item.topic, []).append(item)
     name = _topic(Path(path), tuple(by_topic))
-    arm = _heard(f"{path}, {name}", by_topic[name], joints, limits.gap)
+    arm = _heard(f"{path}, {name}", by_topic[name], joints, prefix, limits.gap)
     parts = arm.series()
     items, cuts = [], []
     for one, q in (piece for part in parts for piece in _pieces(*part, limits)):
@@ -143,7 +145,7 @@ def _topic(path: Path, topics: Sequence[str]) -> str:
 
 
 def _heard(
-    what: str, items: Sequence[Recorded], joints: Sequence[str] | None, gap: float
+    what: str, items: Sequence[Recorded], joints: Sequence[str] | None, prefix: str, gap: float
 ) -> Measured:
     """The arm of a recording."""
     named = joints is not None
@@ -151,7 +153,7 @@ def _heard(
         most = Counter(frozenset(item.message.name) for item in items).most_common(1)[0][0]
         names = (item.message.name for item in items)
         joints = next(each for each in names if frozenset(each) == most)
-    arm = Measured(joints, gap=gap, what=what)
+    arm = Measured(joints, prefix=prefix, gap=gap, what=what)
     refusal, left_out, first = None, 0, _stamp(items[0])
     for item in items:
         try:

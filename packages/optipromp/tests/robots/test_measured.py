@@ -17,7 +17,7 @@ JOINTS = ("shoulder", "elbow", "wrist", "roll")
 # a joint without limits, one of less than a turn, one of two turns to both sides, a slide
 LOWER, UPPER = np.array([-np.inf, -2.0, -TURN, -9.0]), np.array([np.inf, 2.0, TURN, 9.0])
 TURNS = Turns(np.array([True, False, True, False]), LOWER, UPPER)
-RATES = np.array([0.9, 0.2, -0.7, 0.4])  # [rad/s or m/s]
+RATES = np.array([0.9, 0.2, 0.7, 0.4])  # [rad/s or m/s]
 
 
 def reported(q: np.ndarray, low: float = -np.pi) -> np.ndarray:
@@ -203,3 +203,19 @@ def test_wrong_values_are_refused_by_name() -> None:
     one.heard(0.0, JOINTS, np.zeros(4), [0.0, 0.3, 0.0, 0.005])
     assert one.newest is not None
     assert one.newest[1].velocity.tolist() == [0.0, 0.3, 0.0, 0.005]
+
+
+@pytest.mark.parametrize("low", [-np.pi, 0.0])
+def test_the_newest_of_live_states_go_on_past_the_end_of_an_encoder(low: float) -> None:
+    """Where the next turn is beyond a limit, a step of a whole turn is no motion either."""
+    one, newest, between = arm(kept=1.0), [], []
+    for time in np.arange(0.0, 6.0, 0.02):
+        one.heard(time, JOINTS, reported(moved(time)[0], low))
+        assert one.newest is not None
+        newest.append(one.newest[1].q)
+        between.append(TURNS.apart(one.at(time - 0.01 * (time > 0.0)), moved(time - 0.01)[0]))
+    steps = np.diff(newest, axis=0) - 0.02 * RATES
+    np.testing.assert_allclose(steps[:, [0, 1, 3]], 0.0, atol=1e-9)
+    np.testing.assert_allclose(np.sin(0.5 * steps[:, 2]), 0.0, atol=1e-9)
+    assert np.all(np.abs(newest) <= UPPER + 0.05)
+    np.testing.assert_allclose(np.sin(0.5 * np.array(between[1:])), 0.0, atol=1e-9)

@@ -160,7 +160,10 @@ class Measured:
             if one.time >= kept[-1].time - self._gap:
                 return  # a message that was overtaken
             kept.clear()
-        kept.append(_Heard(one.time, (), one.q[rows], one.velocity[rows]))
+        q = one.q[rows]
+        if self._kept < math.inf and kept and self._turns is not None:
+            q = self._turns.of_joints(columns).onto(q, kept[-1].q)
+        kept.append(_Heard(one.time, (), q, one.velocity[rows]))
         while kept[0].time < one.time - self._kept:
             kept.popleft()
         for other in [each for each in self._drivers if each != columns]:
@@ -189,7 +192,7 @@ class Measured:
 
     @property
     def newest(self) -> tuple[float, State] | None:
-        """Time of the newest state of all joints [s], and that state, on the turn as reported.
+        """Time of the newest state of all joints [s], and that state.
 
         None: of some joint there is none.
         """
@@ -307,10 +310,15 @@ class Measured:
         return out
 
     def _unwound(self, q: FloatArray, columns: tuple[int, ...]) -> FloatArray:
+        """Rows (T, k) of a driver on turns that follow one another, also beyond limits.
+
+        Which turn a driver means is not known: it may count from 0, and the limits from -2π.
+        """
         if self._turns is None:
             return unwrapped(q)
-        mine, (may, lower, upper) = list(columns), self._turns
-        return Turns(may[mine], lower[mine], upper[mine]).unwound(q)
+        may = self._turns.of_joints(columns).may
+        most = np.full(may.shape, np.inf)
+        return Turns(may, -most, most).unwound(q)
 
 
 def values(names: Sequence[str], given: ArrayLike, kind: str, what: str) -> FloatArray:

@@ -4,6 +4,7 @@ An encoder reports a joint within one turn, from 0 to 2π or within half a turn 
 whole turn changes nothing, the position and the same a turn farther are one place of the arm.
 """
 
+from collections.abc import Sequence
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -32,6 +33,11 @@ class Turns(NamedTuple):
         may = upper - lower >= TURN
         may[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
         return cls(frozen(may, np.bool_), lower, upper)
+
+    def of_joints(self, columns: Sequence[int]) -> "Turns":
+        """Of some of the joints, by their columns."""
+        mine = list(columns)
+        return Turns(self.may[mine], self.lower[mine], self.upper[mine])
 
     @property
     def endless(self) -> BoolArray:
