@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import BPoly, make_interp_spline
 
 from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.robots.turns import Turns
 from optipromp.core.trajectory import State, Trajectory, read_trajectory
 
 NAMES = ("a", "b")
@@ -226,3 +227,28 @@ def test_times_that_look_like_milliseconds_are_told(tmp_path: Path) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         of_file(tmp_path / "b.csv", times, times)
+
+
+@pytest.mark.parametrize("form", ["csv", "npz"])
+@pytest.mark.parametrize("low", [-np.pi, 0.0])
+def test_a_recording_within_one_turn_is_the_motion_and_a_word_of_it(
+    tmp_path: Path, form: str, low: float
+) -> None:
+    """Also where rows are far apart: a step of half a turn is one, a whole turn is none."""
+    turn, times = 2.0 * np.pi, np.linspace(0.0, 3.0, 31)
+    begin = low + turn - 0.28
+    true = np.column_stack([begin + 0.3 * times, np.where(times < 1.5, -1.6, 1.6)])
+    told = np.column_stack([(true[:, 0] - low) % turn + low, true[:, 1]])
+    path = tmp_path / f"t.{form}"
+    if form == "csv":
+        rows = np.column_stack([times, told])
+        np.savetxt(path, rows, delimiter=",", header="time,a,b", comments="", fmt="%.12f")
+    else:
+        np.savez(path, times=times, positions=told, joint_names=np.array(["a", "b"]))
+    turns = Turns(np.array([True, True]), np.full(2, -np.inf), np.full(2, np.inf))
+    with pytest.warns(UserWarning, match=r"a steps by a whole turn before row \d+: read as"):
+        found = read_trajectory(path, ("a", "b"), turns.as_motion)
+    away = np.round((found.positions[0, 0] - begin) / turn) * turn
+    np.testing.assert_allclose(found.positions - [away, 0.0], true, atol=1e-9)
+    np.testing.assert_allclose(found.velocities[10:20, 0], 0.3, atol=1e-3)
+    assert np.abs(np.diff(read_trajectory(path, ("a", "b")).positions[:, 0])).max() > 6.0

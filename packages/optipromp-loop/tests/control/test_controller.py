@@ -411,3 +411,18 @@ def test_where_a_push_has_become_hopeless_the_tool_retreats_and_looks_again(
     assert done.reasons[done.stages.index(RETREAT)] == "hopeless"
     assert done.stages[-1] in ((DONE, GAVE_UP) if always else (DONE,))
     assert done.controller.tries == done.controller.parameters.tries - min(len(seen), 3)
+
+
+@pytest.mark.parametrize("limit", [np.inf, 2.0 * np.pi], ids=["without limits", "a turn each way"])
+def test_an_arm_that_is_reported_a_turn_off_is_not_lost(scene: Scene, limit: float) -> None:
+    robot, start = posed(scene)
+    lower, upper = robot.lower.copy(), robot.upper.copy()
+    lower[6], upper[6] = -limit, limit
+    loop = Controller(without_fruits(scene), robot=replace(robot, lower=lower, upper=upper))
+    asked, told = np.array(start.q), np.array(start.q)
+    asked[6], told[6] = np.pi + 0.01, 0.02 - np.pi
+    assert loop(0.0, State(told), State(asked)) is not None
+    assert (loop.lost, loop.fault) == (False, "")
+    told[6] = 0.2 - np.pi
+    loop(0.02, State(told), State(asked))
+    assert (loop.lost, loop.fault) == (True, "joint7 is 0.19 from the curve (at most 0.1)")

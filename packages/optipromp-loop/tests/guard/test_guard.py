@@ -335,3 +335,25 @@ def test_the_same_actions_give_the_same_motion(cluster: Scene) -> None:
         driven(Guard(cluster), start, wild_policy(3, robot, 0.5), 80)[0] for _ in range(2)
     )
     assert (one.positions == other.positions).all()
+
+
+@pytest.mark.parametrize("limit", [np.inf, 2.0 * np.pi], ids=["without limits", "a turn each way"])
+def test_a_wrist_that_is_reported_within_a_turn_makes_no_step(limit: float) -> None:
+    """The guard gives what it gives where the wrist is reported as it is."""
+    scene = generate("cluster", 3)
+    robot, start = posed(scene)
+    lower, upper = robot.lower.copy(), robot.upper.copy()
+    lower[6], upper[6] = -limit, limit
+    robot = replace(robot, lower=lower, upper=upper)
+    q, wish = np.array(start.q), np.zeros(7)
+    q[6], wish[6] = np.pi - 0.05, 0.3
+    made = []
+    for told in (lambda x: x, lambda x: (x + np.pi) % (2.0 * np.pi) - np.pi):
+        guard, state, out = Guard(scene, robot), State(q), []
+        for k in range(40):
+            at = np.append(state.q[:6], told(state.q[6]))
+            state = guard(wish, State(at), (), PERIOD * k).reference
+            out.append(state.q[6])
+        made.append(out)
+    np.testing.assert_allclose(made[1], made[0], atol=1e-9)
+    assert made[0][-1] > np.pi

@@ -4,8 +4,6 @@
 """
 
 import bisect
-import math
-from collections import deque
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +25,7 @@ from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planners import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
+from optipromp.core.robots.measured import Measured
 from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
@@ -155,7 +154,8 @@ class PickLoop:
         self._flange = prefix + [name for name in robot.link_names if name != live.TOOL][-1]
         self._rate, self._prefix = rate, prefix
         self._mounts = Frames()
-        self._states = deque[tuple[float, State]]()
+        held = self.controller.parameters.state_age
+        self._arm = Measured(robot.joint_names, robot.turns, prefix=prefix, kept=KEPT, held=held)
         self._origin: int | None = None  # the stamp of the loop's time 0, as the clock is set now
         self._ticked: tuple[int, int] | None = None  # the last cycle by both clocks [ns]
         self._line: Line | None = None
@@ -186,26 +186,20 @@ class PickLoop:
         """
         match item.__msgtype__:
             case "sensor_msgs/msg/JointState":
-                state = trajectories.joint_motion(
-                    item, self.controller.robot.joint_names, "joint_states"
-                )
                 time = self._time(trajectories.nanoseconds(item.header.stamp))
-                if not self._states or time > self._states[-1][0]:
-                    self._states.append((time, state))
-                while self._states[0][0] < time - KEPT:
-                    self._states.popleft()
+                trajectories.hear(self._arm, item, time)
             case "tf2_msgs/msg/TFMessage":
                 self._mounts.heard(item, still=True)
             case _ if item.__msgtype__ == live.DETECTIONS:
                 time = self._time(trajectories.nanoseconds(item.header.stamp))
-                frames = self._frames(self._at(time))
+                frames = self._frames(self._arm.at(time))
                 look = live.read_detections(item, frames, self.parameters, time=time)
                 self.controller.see(look)
             case kind if kind in PICTURES and self.watcher is not None:
                 taken = self._pictures.heard(topic or kind, item)
                 if taken is not None:
                     time = self._time(taken.stamp)
-                    frames = self._frames(self._at(time))
+                    frames = self._frames(self._arm.at(time))
                     self.watcher.watch(taken.picture(live.in_base(taken.header, frames)), time)
             case _:
                 raise InvalidRequestError(
@@ -230,24 +224,25 @@ class PickLoop:
         p, by = self.controller.parameters, self._set_by(now, steady)
         time = self._time(now)
         if by:
-            self._states.clear()
+            self._arm.forget()
             self._set = f"the clock was set {'back' if by < 0.0 else 'forward'} by {abs(by):.3f} s"
-        age = time - self._states[-1][0] if self._states else math.inf
-        fresh = abs(age) <= p.state_age
-        if self._set and fresh and (self._line is None or self._line.ended(time)):
-            self.controller.begin_anew(time, self._states[-1][1])
+        newest = self._arm.newest
+        age = self._arm.age(time)
+        fresh = newest is not None and abs(age) <= p.state_age
+        if self._set and newest and fresh and (self._line is None or self._line.ended(time)):
+            self.controller.begin_anew(time, newest[1])
             self._line, self._set = None, ""
         self._trouble = self._set
         if not (fresh or self._trouble):
-            self._trouble = "joint states are old" if self._states else "no joint states"
+            self._trouble = "joint states are old" if newest else self._arm.silent
             if age < 0.0:
                 self._trouble = "joint states are ahead of the clock"
-                self._states.clear()
-        if self._trouble:
+                self._arm.forget()
+        if self._trouble or newest is None:
             return self._sent(self.controller.hold(time, self._trouble), time)
         for look in () if self.watcher is None else self.watcher.looks():
             self.controller.see(look)
-        at, measured = self._states[-1]
+        at, measured = newest
         reference = State(measured.q) if self._line is None else self._line.at(at)
         return self._sent(self.controller(time, measured, reference), time)
 
@@ -270,21 +265,23 @@ class PickLoop:
     def _jumped(self, before: int, gone: float) -> bool:
         """Whether the arm is where it was to be a period, and not ``gone`` [s], after a cycle."""
         p, then = self.controller.parameters, self._time(before)
-        if gone - p.period <= p.clock_step or not self._states:
+        if gone - p.period <= p.clock_step or (newest := self._arm.newest) is None:
             return False
-        at, state = self._states[-1]
+        at, state = newest
         if abs(then + gone - at) > p.state_age:
             return False  # nothing was heard: it may have waited
         if self._line is None:
             return True
-        one, other = (self._line.at(then + after).q - state.q for after in (p.period, gone))
+        apart, line = self.controller.robot.apart, self._line
+        one, other = (apart(state.q, line.at(then + after).q) for after in (p.period, gone))
         return bool(np.abs(one).max() <= np.abs(other).max())
 
     def _sent(self, stretch: Stretch | None, time: float) -> Message | None:
         """The message of a stretch; None where it changes nothing for an arm that stands."""
         if stretch is None:
             return None
-        since = min(time, self._states[-1][0]) if self._states else time
+        newest = self._arm.newest
+        since = time if newest is None else min(time, newest[0])
         running = None if self._line is None else self._line.until(stretch.begins, since)
         if not np.ptp(stretch.curve.positions, axis=0).any() and (
             running is None or running.at(stretch.begins).near(stretch.at(stretch.begins), 1e-9)
@@ -320,21 +317,6 @@ class PickLoop:
         if self._origin is None:
             self._origin = stamp
         return (stamp - self._origin) / trajectories.NANO
-
-    def _at(self, time: float) -> FloatArray:
-        """(n,) where the arm was, linear between joint states."""
-        most = self.controller.parameters.state_age
-        if not self._states or time < self._states[0][0] - most:
-            raise InvalidRequestError("where the arm was is unknown: joint states must come first")
-        ahead = time - self._states[-1][0]
-        if ahead > most:
-            raise InvalidRequestError(
-                f"header.stamp is {ahead:.3f} s after the newest joint states: must be {most:g} s "
-                "at most, by the same clock"
-            )
-        times = [at for at, _ in self._states]
-        q = np.array([state.q for _, state in self._states])
-        return np.array([np.interp(time, times, column) for column in q.T])
 
     def _frames(self, q: FloatArray) -> dict[str, Pose]:
         """The known frames with the arm at ``q`` (n,)."""

@@ -4,9 +4,7 @@ import os
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from itertools import groupby
 from pathlib import Path
 from typing import Any
 
@@ -17,14 +15,9 @@ from scipy.signal import savgol_filter
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
-from optipromp.core.promp.demonstrations import (
-    Demonstration,
-    Demonstrations,
-    parts_in_time,
-    unwrapped,
-)
-from optipromp.core.trajectory import joint_columns
-from optipromp_ros.trajectories import joint_positions, nanoseconds
+from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
+from optipromp.core.robots.measured import Measured, Series
+from optipromp_ros.trajectories import NANO, hear, nanoseconds
 from optipromp_ros.types import Recorded, read_bag
 
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -92,6 +85,7 @@ def load_recording(
     joints: Sequence[str] | None = None,
     *,
     topic: str | None = None,
+    prefix: str = "",
     parameters: CutParameters | None = None,
 ) -> Recording:
     """Demonstrations from the ``sensor_msgs/JointState`` messages of a bag.
@@ -102,9 +96,10 @@ def load_recording(
 
     Args:
         path: as for :func:`optipromp_ros.read_bag`.
-        joints: of the robot, in its order (a common prefix in the messages is ignored); None:
-            those of most messages, in the order of the first such message.
+        joints: of the robot, in its order; None: those of most messages, in the order of the first
+            such message.
         topic: to read; None: the only one with joint states, or ``/joint_states``.
+        prefix: before the joints' names, of one of several arms; empty: the only one there is.
         parameters: definitions of a still phase and of a demonstration.
 
     Raises:
@@ -116,7 +111,8 @@ def load_recording(
     for item in read_bag(path, topics=None if topic is None else (topic,), types=(JOINT_STATE,)):
         by_topic.setdefault(item.topic, []).append(item)
     name = _topic(Path(path), tuple(by_topic))
-    names, parts = _series(f"{path}, {name}", by_topic[name], joints, limits.gap)
+    arm = _heard(f"{path}, {name}", by_topic[name], joints, prefix, limits.gap)
+    parts = arm.series()
     items, cuts = [], []
     for one, q in (piece for part in parts for piece in _pieces(*part, limits)):
         for start, end, whole in _motions(one, q, limits):
@@ -128,13 +124,13 @@ def load_recording(
                 items.append(Demonstration(one[part] - one[start], q[part]))
     if not items:
         largest = max((cut.motion for cut in cuts), default=0.0)
-        length = sum(float(times[-1] - times[0]) for times, _ in parts if len(times))
+        length = sum(float(times[-1] - times[0]) for times, _ in parts)
         raise InvalidDemonstrationError(
             f"{path}, {name}: no demonstration in {len(by_topic[name])} joint states over "
             f"{length:.1f} s: the largest motion is {largest:.3g} rad (or m), must be "
             f"{limits.motion:g} at least, faster than {limits.speed:g} rad/s"
         )
-    found = Demonstrations(tuple(items), names)
+    found = Demonstrations(tuple(items), arm.joints)
     return Recording(found, tuple(cuts), name, len(by_topic[name]))
 
 
@@ -148,83 +144,41 @@ def _topic(path: Path, topics: Sequence[str]) -> str:
     return topics[0] if len(topics) == 1 else USUAL_TOPIC
 
 
-Series = tuple[FloatArray, FloatArray]
-"""Times (m,) [s], increasing, and positions (m, n)."""
-
-
-def _series(
-    what: str, items: Sequence[Recorded], joints: Sequence[str] | None, gap: float
-) -> tuple[tuple[str, ...], list[Series]]:
-    """Names (n), and the parts of the recording between which a clock was set."""
-    sets, named = Counter(tuple(item.message.name) for item in items), joints is not None
+def _heard(
+    what: str, items: Sequence[Recorded], joints: Sequence[str] | None, prefix: str, gap: float
+) -> Measured:
+    """The arm of a recording."""
+    named = joints is not None
     if joints is None:
         most = Counter(frozenset(item.message.name) for item in items).most_common(1)[0][0]
-        joints = next(names for names in sets if frozenset(names) == most)
-    groups = _split_arm(what, list(sets), joints)
-    rows = [list[tuple[int, FloatArray]]() for _ in groups]
-    refusal, left_out = None, 0
+        names = (item.message.name for item in items)
+        joints = next(each for each in names if frozenset(each) == most)
+    arm = Measured(joints, prefix=prefix, gap=gap, what=what)
+    refusal, left_out, first = None, 0, _stamp(items[0])
     for item in items:
-        names, stamp = item.message.name, nanoseconds(item.message.header.stamp) or item.stamp
-        mine = [k for k, group in enumerate(groups) if set(group) <= set(names)] or [0]
         try:
-            for k in mine:
-                rows[k].append((stamp, joint_positions(item.message, groups[k], what)))
+            hear(arm, item.message, (_stamp(item) - first) / NANO)
         except InvalidRequestError as error:
             refusal, left_out = refusal or error, left_out + 1
-    if not all(rows):
-        assert refusal is not None
-        raise refusal
     if refusal is not None:
+        if arm.lacking:
+            raise refusal
         warnings.warn(
             f"{left_out} of {len(items)} messages are left out: {refusal.message}"
             + ("" if named else "; with the robot, joints of one arm in several messages join"),
             stacklevel=3,
         )
-    first, parts = min(each[0][0] for each in rows), []
-    for each in rows:
-        times = np.array([(stamp - first) * 1e-9 for stamp, _ in each])
-        apart = parts_in_time(what, times, np.array([q for _, q in each]))
-        parts.append([(at, unwrapped(q)) for at, q in apart])
-    if len({len(each) for each in parts}) > 1:
-        raise InvalidRequestError(f"{what}: the joints of the arm are in messages of two clocks")
-    return tuple(joints), [_joined(each, gap) for each in zip(*parts, strict=True)]
+    return arm
 
 
-def _split_arm(
-    what: str, sets: Sequence[Sequence[str]], joints: Sequence[str]
-) -> list[tuple[str, ...]]:
-    """The joints in the order of the arm, by the messages that hold them: mostly in one."""
-    for names in sets:
-        with suppress(InvalidRequestError):
-            joint_columns(names, joints, what)
-            return [tuple(joints)]
-    owner = {name: k for k, names in enumerate(sets) for name in names}
-    there = list(owner)
-    try:
-        columns = joint_columns(there, joints, what)
-    except InvalidRequestError:
-        return [tuple(joints)]  # which names what is missing, at the first message
-    return [tuple(group) for _, group in groupby([there[c] for c in columns], owner.__getitem__)]
-
-
-def _joined(parts: Sequence[Series], gap: float) -> Series:
-    """One series of the joints of several, at the times of the first, where all were heard."""
-    times, columns = parts[0][0], [parts[0][1]]
-    near = np.ones(len(times), dtype=bool)
-    for at, q in parts[1:]:
-        after = np.clip(np.searchsorted(at, times), 1, max(len(at) - 1, 1))
-        near &= (times >= at[0]) & (times <= at[-1])
-        near &= at[np.minimum(after, len(at) - 1)] - at[after - 1] <= gap
-        columns.append(np.stack([np.interp(times, at, column) for column in q.T], axis=1))
-    return times[near], np.concatenate(columns, axis=1)[near]
+def _stamp(item: Recorded) -> int:
+    return nanoseconds(item.message.header.stamp) or item.stamp
 
 
 def _pieces(
     times: FloatArray, positions: FloatArray, limits: CutParameters
 ) -> Iterable[tuple[FloatArray, FloatArray]]:
     """The stretches without a gap, evenly sampled: times (k,) [s] and positions (k, n)."""
-    if not len(times):
-        return
     gaps = np.flatnonzero(np.diff(times) > limits.gap) + 1
     for rows in np.split(np.arange(len(times)), gaps):
         length = times[rows[-1]] - times[rows[0]]
@@ -232,8 +186,7 @@ def _pieces(
             continue
         step = max(1.0 / limits.rate, float(np.median(np.diff(times[rows]))))
         even = np.linspace(times[rows[0]], times[rows[-1]], max(3, round(length / step) + 1))
-        columns = [np.interp(even, times[rows], column) for column in positions[rows].T]
-        yield even, np.stack(columns, axis=1)
+        yield even, Series(times[rows], positions[rows]).at(even)
 
 
 def _motions(

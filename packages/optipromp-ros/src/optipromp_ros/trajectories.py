@@ -13,7 +13,8 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.trajectory import CURVE, State, Trajectory, curve, joint_columns
+from optipromp.core.robots.measured import AT_REST, Measured, values
+from optipromp.core.trajectory import CURVE, State, Trajectory, Unwind, curve, joint_columns
 from optipromp_ros.types import Message, message, read_bag
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -108,7 +109,9 @@ def display_trajectory(
     )
 
 
-def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tuple[Trajectory, ...]:
+def read_trajectories(
+    item: Message, joints: Sequence[str] | None = None, unwind: Unwind | None = None
+) -> tuple[Trajectory, ...]:
     """The trajectories of a JointTrajectory, a RobotTrajectory (one) or a DisplayTrajectory.
 
     Points without accelerations get those of the cubics through positions and velocities (the mean
@@ -119,13 +122,14 @@ def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tup
         item: the message.
         joints: of the robot, in its order; other joints of the message are left out, a common
             prefix is ignored. None: all joints of the message.
+        unwind: as for :func:`optipromp.core.trajectory.curve`.
 
     Raises:
         InvalidRequestError: a wrong value; the message names point, field and valid values.
     """
     match item.__msgtype__.rpartition("/")[2]:
         case "JointTrajectory":
-            return (_read(item, joints),)
+            return (_read(item, joints, unwind),)
         case "RobotTrajectory":
             if item.multi_dof_joint_trajectory.points:
                 names = ", ".join(item.multi_dof_joint_trajectory.joint_names)
@@ -133,9 +137,10 @@ def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tup
                     f"multi_dof_joint_trajectory moves {names}: must be empty; joints have one "
                     "degree of freedom"
                 )
-            return (_read(item.joint_trajectory, joints),)
+            return (_read(item.joint_trajectory, joints, unwind),)
         case "DisplayTrajectory":
-            return tuple(one for part in item.trajectory for one in read_trajectories(part, joints))
+            parts = (read_trajectories(part, joints, unwind) for part in item.trajectory)
+            return tuple(one for part in parts for one in part)
     raise InvalidRequestError(
         f"a {item.__msgtype__} is no trajectory: must be a JointTrajectory, RobotTrajectory or "
         "DisplayTrajectory"
@@ -143,8 +148,9 @@ def read_trajectories(item: Message, joints: Sequence[str] | None = None) -> tup
 
 
 def read_trajectory(
-    path: str | os.PathLike[str], joints: Sequence[str] | None = None, *, topic: str | None = None
-) -> Trajectory:
+    path: str | os.PathLike[str], joints: Sequence[str] | None = None, *, topic: str | None = None,
+    unwind: Unwind | None = None,
+) -> Trajectory:  # fmt: skip
     """The trajectory of a bag.
 
     The bag's JointTrajectory messages are read; where it has none, its RobotTrajectory, else its
@@ -154,6 +160,7 @@ def read_trajectory(
         path: as for :func:`optipromp_ros.read_bag`.
         joints: as for :func:`read_trajectories`.
         topic: to read; None: all.
+        unwind: as for :func:`optipromp.core.trajectory.curve`.
 
     Raises:
         InvalidRequestError: no bag; no trajectory, or several; as :func:`read_trajectories`.
@@ -162,7 +169,7 @@ def read_trajectory(
     items = list(read_bag(path, topics=topics, types=TRAJECTORIES))
     for name in TRAJECTORIES:
         chosen = [item for item in items if item.message.__msgtype__ == name]
-        found = [one for item in chosen for one in read_trajectories(item.message, joints)]
+        found = [one for item in chosen for one in read_trajectories(item.message, joints, unwind)]
         if len(found) == 1:
             return found[0]
         if found:
@@ -175,7 +182,7 @@ def read_trajectory(
     )
 
 
-def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
+def _read(item: Message, joints: Sequence[str] | None, unwind: Unwind | None) -> Trajectory:
     what, points = "joint trajectory", item.points
     names = tuple(item.joint_names if joints is None else joints)
     if len(points) < 2:
@@ -200,43 +207,40 @@ def _read(item: Message, joints: Sequence[str] | None) -> Trajectory:
     ]
     if rows[1] is None and rows[2] is not None:
         raise InvalidRequestError(f"{what} has accelerations and no velocities: must have both")
-    return curve(times, rows, item.joint_names, names)
+    return curve(times, rows, item.joint_names, names, unwind)
 
 
-AT_REST = 0.01
-"""[rad/s or m/s] A slower joint is at rest: encoders are noisy. A choice; the arm's controller
-smooths a step of this size."""
+def hear(arm: Measured, item: Message, time: float) -> None:
+    """Tell a reader of an arm's state a ``sensor_msgs/JointState`` of a ``time`` [s]."""
+    arm.heard(time, item.name, item.position, item.velocity)
 
 
-def joint_positions(state: Message, joints: Sequence[str], what: str) -> FloatArray:
-    """Positions (n,) of ``joints`` in a ``sensor_msgs/JointState`` [rad or m]."""
-    if len(state.position) and not len(state.name):
-        raise InvalidRequestError(f"{what}: name is empty: must name the joint of each position")
-    if len(state.position) != len(state.name):
-        raise InvalidRequestError(
-            f"{what}: {len(state.position)} positions for {len(state.name)} names: must be as many"
-        )
-    q = np.asarray(state.position, dtype=np.float64)[joint_columns(state.name, joints, what)]
+def joint_positions(
+    state: Message, joints: Sequence[str], what: str, prefix: str = ""
+) -> FloatArray:
+    """Positions (n,) of ``joints`` in a ``sensor_msgs/JointState`` [rad or m].
+
+    ``prefix`` is as for :func:`optipromp.core.trajectory.joint_columns`.
+    """
+    told = values(state.name, state.position, "positions", what)
+    q = told[joint_columns(state.name, joints, what, prefix)]
     if not np.isfinite(q).all():
         bad = int(np.argmin(np.isfinite(q)))
         raise InvalidRequestError(f"{what}: {joints[bad]} is {q[bad]}: must be finite")
     return q
 
 
-def joint_motion(state: Message, joints: Sequence[str], what: str) -> State:
+def joint_motion(state: Message, joints: Sequence[str], what: str, prefix: str = "") -> State:
     """Positions and velocities of ``joints`` in a ``sensor_msgs/JointState``.
 
-    Where all velocities are below :data:`AT_REST`, or the message has none, the joints are at rest.
+    Where all velocities are below :data:`optipromp.core.robots.measured.AT_REST`, or the message
+    has none, the joints are at rest. ``prefix`` is as for :func:`joint_positions`.
     """
-    q = joint_positions(state, joints, what)
-    if len(state.velocity) not in (0, len(state.name)):
-        raise InvalidRequestError(
-            f"{what}: {len(state.velocity)} velocities for {len(state.name)} names: must be as "
-            "many, or none"
-        )
+    q = joint_positions(state, joints, what, prefix)
     if not len(state.velocity):
         return State(q)
-    velocity = np.asarray(state.velocity, dtype=np.float64)[joint_columns(state.name, joints, what)]
+    told = values(state.name, state.velocity, "velocities", what)
+    velocity = told[joint_columns(state.name, joints, what, prefix)]
     return State(q) if np.abs(velocity).max() < AT_REST else State(q, velocity)
 
 

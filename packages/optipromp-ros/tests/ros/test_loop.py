@@ -296,3 +296,41 @@ def test_without_joint_states_nothing_is_commanded_and_the_status_says_so() -> N
     assert loop.tick(EPOCH + 500_000_000) is None
     assert loop.status().message == "joint states are old"
     assert len(loop.controller.cycles) == 1
+
+
+def part(q, stamp, columns, prefix="fr3_"):
+    return message(
+        "sensor_msgs/msg/JointState", header=header(stamp, ""), position=q[columns],
+        name=[prefix + name for name in np.array(ROBOT.joint_names)[columns]],
+    )  # fmt: skip
+
+
+def test_an_arm_of_two_drivers_is_known_and_one_without_the_other_is_not() -> None:
+    loop, hand, wrist = PickLoop(SCENE, prefix="fr3_"), np.arange(4), np.arange(4, 7)
+    loop.heard(part(START.q, EPOCH, hand))
+    assert loop.tick(EPOCH + 1_000_000) is None
+    assert loop.status().message == f"no joint states of {', '.join(ROBOT.joint_names[4:])}"
+    for k in range(1, 20):
+        loop.heard(part(START.q, EPOCH + 20_000_000 * k, hand))
+        if k < 10:
+            loop.heard(part(START.q, EPOCH + 20_000_000 * k + 5_000_000, wrist))
+        loop.tick(EPOCH + 20_000_000 * k + 6_000_000)
+        assert loop.status().message == ("looking" if k < 14 else "joint states are old")
+
+
+def test_with_a_prefix_the_joints_of_another_arm_are_not_read() -> None:
+    loop = PickLoop(SCENE, prefix="fr3_")
+    for prefix in ("left_", ""):
+        with pytest.raises(InvalidRequestError, match=r"joint fr3_joint1, .* is missing"):
+            loop.heard(part(START.q, EPOCH, np.arange(7), prefix))
+    loop.tick(EPOCH + 1_000_000)
+    assert loop.status().message == "no joint states"
+
+
+def test_across_a_gap_no_detection_is_placed() -> None:
+    loop = PickLoop(SCENE, prefix="fr3_")
+    loop.heard(frames(0, ("fr3_flange", "camera", Pose())))
+    for stamp in (EPOCH, EPOCH + 300_000_000):
+        loop.heard(joints(START, stamp))
+    with pytest.raises(InvalidRequestError, match=r"no joint states came for 0.300 s"):
+        loop.heard(array(stamp=EPOCH + 150_000_000))

@@ -240,6 +240,54 @@ def test_joint_states_tell_where_a_camera_on_the_hand_was(tmp_path: Path) -> Non
         list(bag_pictures(tmp_path / "bare.mcap", SCENE, camera=camera))
 
 
+def camera_on(path: Path, told: list[tuple[str, float, float]]) -> Pose:
+    """Where a camera on the right hand was at ``EPOCH``.
+
+    ``told``: joint states, as prefix of an arm, time [s], and by how much its first joint is aside.
+    """
+    robot, state = posed(SCENE)
+    picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
+    items = [Recorded(CLOUD, cloud(picture, EPOCH), EPOCH)]
+    for k, (prefix, time, aside) in enumerate(told):
+        q = state.q + aside * np.eye(7)[0]
+        names = [prefix + name for name in robot.joint_names]
+        item = states(names, q, EPOCH + round(time * SECOND))
+        items.append(Recorded("/joint_states", item, EPOCH + k))
+    still = frames(EPOCH, ("right_" + robot.link_names[-2], FRAME, Pose([0.05, 0.0, 0.02])))
+    write_bag(path, [*items, Recorded("/tf_static", still, EPOCH)])
+    (found,) = bag_pictures(path, SCENE, prefix="right_")
+    return found.picture.camera.pose
+
+
+def test_of_two_arms_in_a_bag_the_named_one_carries_the_camera(tmp_path: Path) -> None:
+    sides = ("left_", 0.3), ("right_", 0.0)
+    told = [(side, time, aside) for time in (-0.05, 0.05) for side, aside in sides]
+    robot, state = posed(SCENE)
+    want = flange_of(robot, state.q) @ np.array([0.05, 0.0, 0.02])
+    np.testing.assert_allclose(camera_on(tmp_path / "a.mcap", told).position, want, atol=1e-9)
+
+
+TWICE = [(0.02 * k - 0.5, aside) for aside in (0.0, 0.3) for k in range(50)]
+
+
+@pytest.mark.filterwarnings("ignore:.*the time runs back")
+@pytest.mark.parametrize(
+    ("told", "why"),
+    [
+        ([(-0.2, 0.0), (0.2, 0.1)], r"no joint states came for 0\.400 s around then"),
+        (TWICE, "the clock of the joint states was set back"),
+        ([(0.5, 0.0)], "joint states must come first"),
+        ([(-0.5, 0.0)], r"0\.500 s after the newest joint states"),
+    ],
+    ids=["gap", "clock set back", "later", "earlier"],
+)
+def test_where_the_arm_is_unknown_the_refusal_says_why(
+    tmp_path: Path, told: list[tuple[float, float]], why: str
+) -> None:
+    with pytest.raises(InvalidRequestError, match=why):
+        camera_on(tmp_path / "a.mcap", [("right_", *each) for each in told])
+
+
 def test_depth_of_another_imager_or_moment_is_refused_by_name(
     shot: Photograph, tmp_path: Path
 ) -> None:

@@ -187,3 +187,19 @@ def test_of_two_topics_one_must_be_named(tmp_path: Path) -> None:
     assert load_recording(path, JOINTS, topic="/left").topic == "/left"
     with pytest.raises(InvalidRequestError, match="has no topic '/top': it has /left, /right"):
         load_recording(path, JOINTS, topic="/top")
+
+
+def test_of_two_arms_one_is_named_by_its_prefix(tmp_path: Path) -> None:
+    """Each arm's messages were read as the same arm's, one after another."""
+    times, q = guided(2, noise=0.0)
+    left, right = (
+        joint_states(times, way, names=[side + name for name in JOINTS])
+        for side, way in (("left_", q), ("right_", q[::-1]))
+    )
+    path = bag(tmp_path, [item for pair in zip(left, right, strict=True) for item in pair])
+    with pytest.raises(InvalidRequestError, match="each of the prefixes left_, right_: must be"):
+        load_recording(path, JOINTS)
+    with pytest.warns(UserWarning, match=f"{len(times)} of {2 * len(times)} messages are left out"):
+        found = load_recording(path, JOINTS, prefix="right_")
+    first = found.demonstrations[0].positions[0]
+    assert np.abs(first - q[-1]).max() < 0.01

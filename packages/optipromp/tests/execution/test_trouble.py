@@ -1,5 +1,6 @@
 """An executor in trouble: no reference jumps, the arm comes to rest, every error is typed."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -171,3 +172,21 @@ def test_what_is_no_curve_and_guards_that_never_end() -> None:
     for name in ("advance", "record"):
         with pytest.raises(InvalidRequestError, match=f"Guard.{name} is 0"):
             Guard(**{name: 0.0})
+
+
+@pytest.mark.parametrize(("jump", "finished"), [(0.0, True), (0.3, False)])
+@pytest.mark.parametrize("limit", [np.inf, 2.0 * np.pi], ids=["without limits", "a turn each way"])
+def test_an_encoder_that_passes_its_end_is_no_trouble_and_a_jump_is(
+    limit: float, jump: float, finished: bool
+) -> None:
+    turn, low = 2.0 * np.pi, PANDA.home + 0.3 - 2.0 * np.pi
+
+    def reported(arm: Controlled, what: str) -> State | None:
+        q = arm.asked[-1].q + jump * (arm.now > 1.5)
+        return State((q - low) % turn + low) if what == "state" else None
+
+    arm, edge = Controlled(reported), np.full(7, limit)
+    arm.robot = replace(PANDA, lower=-edge, upper=edge)
+    done = arm.execute(step())
+    assert done.finished == finished, done.reason
+    assert np.abs(np.diff([one.q for one in arm.asked], axis=0)).max() < 0.11

@@ -181,3 +181,17 @@ def test_a_violation_is_data_too(gantry: Robot) -> None:
     (contact,) = judgement.contacts
     assert (found["contact"].subject, found["contact"].amount) == (contact.link, contact.depth)
     assert judgement.message == "; ".join(str(v) for v in judgement.violations)
+
+
+def test_a_start_may_be_reported_a_turn_off_and_a_goal_only_of_a_joint_without_limits(
+    wheel: Robot,
+) -> None:
+    turn = 2.0 * np.pi
+    for low, high, kinds in (
+        (-np.inf, np.inf, []), (-turn, turn, ["goal"]), (-3.3, 2.9, ["start", "goal"]),
+    ):  # fmt: skip
+        robot = replace(wheel, lower=np.array([low]), upper=np.array([high]))
+        scene = to(JointGoal(np.array([3.0])))
+        made = moving(robot, np.linspace([-3.0], [3.0 - turn], 5))
+        found = judging.judge(scene, robot, made, State(np.array([turn - 3.0]))).violations
+        assert sorted(one.kind for one in found) == sorted(kinds)

@@ -14,6 +14,7 @@ from optipromp.core.promp import (
     load_demonstrations,
     save_demonstrations,
 )
+from optipromp.core.robots.turns import Turns
 
 TIMES = np.array([0.0, 1.0, 3.0])
 Q = np.array([[0.0, 1.0], [0.5, 0.5], [1.0, 0.0]])
@@ -328,3 +329,33 @@ def test_a_minari_dataset_is_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "data" / "metadata.json").write_text("{}")
     with pytest.raises(InvalidDemonstrationError, match="is a Minari dataset"):
         load_demonstrations(tmp_path)
+
+
+@pytest.mark.parametrize("apart", [[2], [0], [0, 2], [1, 3, 5]])
+def test_demonstrations_a_turn_apart_come_onto_one_turn_if_the_limits_have_room(
+    tmp_path: Path, apart: list[int]
+) -> None:
+    """Their mean is a motion, not one between two turns; also where half of them are apart."""
+    turn, s = 2.0 * np.pi, np.linspace(0.0, 1.0, 51)[:, None]
+    motions = [np.array([2.9, 0.1]) + s * [0.7, 0.5] + 0.01 * k for k in range(6)]
+    told = [m - turn * (k in apart) * np.array([1.0, 0.0]) for k, m in enumerate(motions)]
+    path = recorded(tmp_path / "d.csv", *told)
+    with pytest.warns(UserWarning, match="begins a turn apart from others in a"):
+        found = load_demonstrations(path)
+    for low, high in ((-turn, turn), (-np.inf, np.inf), (-4.0, 6.0)):
+        limits = np.array([low, -3.0]), np.array([high, 3.0])
+        turns = Turns(np.array([True, False]), *limits)
+        here = found.for_robot(("a", "b"), *limits, "here", turns)
+        mean = fit(here).mean_trajectory(51)
+        away = np.round((mean[0, 0] - 2.9) / turn) * turn
+        np.testing.assert_allclose(mean[:, 0] - away, np.mean(motions, axis=0)[:, 0], atol=0.02)
+
+
+def test_demonstrations_a_turn_apart_that_no_turn_has_room_for_are_refused(tmp_path: Path) -> None:
+    s, q = np.linspace(0.0, 1.0, 51)[:, None], np.array([2.9, 0.1])
+    path = recorded(tmp_path / "d.csv", q - s * [5.9, 0.0], q - [2.0 * np.pi, 0.0] + s * [6.0, 0.0])
+    limits = np.array([-6.3, -3.0]), np.array([6.3, 3.0])
+    with pytest.warns(UserWarning, match="begins a turn apart from others in a"):
+        found = load_demonstrations(path)
+    with pytest.raises(InvalidDemonstrationError, match=r"apart from others in a, .* have no room"):
+        found.for_robot(("a", "b"), *limits, "here", Turns(np.array([True, False]), *limits))

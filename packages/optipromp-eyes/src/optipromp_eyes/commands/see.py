@@ -46,6 +46,7 @@ def see(
     together: bool = False,
     bag: Path | None = None,
     topics: str | None = None,
+    prefix: str | None = None,
     every: float = 1.0,
     crop: str | None = None,
     eyes: str | None = None,
@@ -84,6 +85,7 @@ def see(
             too, each fruit's position the mean of all pictures that show it.
         bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
         topics (A,B): Of the bag: colour and depth, or the cloud, to take.
+        prefix (PREFIX): Of the bag's joints and links, of one of several arms.
         every (SECONDS 0..): Of the bag: between pictures.
         crop (CROP): Of the fruits: strawberry, tomato, apple or a file. The scenes name it, its
             sizes and colours are looked for, and fruits of other sizes are said.
@@ -107,9 +109,9 @@ def see(
     if bag is not None:
         if folder is not None or rgb is not None or depth is not None:
             raise InvalidRequestError("--bag goes without a folder, --rgb and --depth")
-        asked = _of_bag(bag, topics, every, camera, known, out)
-    elif topics is not None:
-        raise InvalidRequestError("--topics goes with --bag")
+        asked = _of_bag(bag, topics, prefix or "", every, camera, known, out)
+    elif topics is not None or prefix is not None:
+        raise InvalidRequestError(f"--{'prefix' if topics is None else 'topics'} goes with --bag")
     else:
         asked = _asked(folder, rgb, depth, camera, known, out if teach is None else None)
     if teach is not None:
@@ -260,8 +262,8 @@ def _asked(
 
 
 def _of_bag(
-    bag: Path, topics: str | None, every: float, camera: Path | None, known: str | None,
-    out: Path | None,
+    bag: Path, topics: str | None, prefix: str, every: float, camera: Path | None,
+    known: str | None, out: Path | None,
 ) -> Iterator[_Asked]:  # fmt: skip
     """The pictures of a bag, one after another."""
     from optipromp_eyes.pictures import load_camera
@@ -270,7 +272,8 @@ def _of_bag(
     chosen = None if topics is None else [name.strip() for name in topics.split(",")]
     scene = optipromp.load_scene(known or "scenario-3")
     check_folder(target := out or bag.with_name(f"{bag.stem}-seen"))
-    found = part("bag_pictures")(bag, scene, topics=chosen, every=every, camera=model)
+    given = {"topics": chosen, "every": every, "camera": model, "prefix": prefix}
+    found = part("bag_pictures")(bag, scene, **given)
     for k, (picture, at) in enumerate(found):
         name = f"{bag.stem}-{k:03d}"
         yield _Asked(f"{name}, {at:.2f} s", (), known, target / f"{name}.yaml", picture)

@@ -200,7 +200,7 @@ class Controller:
 
         Args:
             time: by the clock of the looks [s].
-            measured: state of the arm.
+            measured: state of the arm; joints that may turn on any turn.
             reference: the commanded state at the time of the measured one.
 
         Returns:
@@ -211,6 +211,8 @@ class Controller:
             and stays: :attr:`lost`.
         """
         began = wall.perf_counter()
+        on = self.robot.turns.onto(measured.q, reference.q)
+        measured = replace(measured, q=on)
         self._driver.stands_at(reference.q)
         self._camera.follow(time, measured.q)
         due = [look for look in self._inbox if look.time <= time]

@@ -257,6 +257,7 @@ class Guard:
         """The state that the next period begins in: on the curve, if the arm follows it."""
         if self._curve is not None:
             begin = State(*(row[0] for row in self._curve.rows()))
+            state = replace(state, q=self.robot.turns.onto(state.q, begin.q))
             if np.abs(begin.q - state.q).max() <= self.parameters.off:
                 return begin
         elif state.q.shape != self.robot.home.shape:

@@ -390,9 +390,10 @@ def read(path: Path, robot: "Robot") -> "Trajectory":
     from optipromp.core.trajectory import read_trajectory
 
     if files.is_bag(path):
-        found: Trajectory = part("read_trajectory")(path, robot.joint_names)
+        read_bag = part("read_trajectory")
+        found: Trajectory = read_bag(path, robot.joint_names, unwind=robot.turns.as_motion)
         return found
-    return read_trajectory(path, robot.joint_names)
+    return read_trajectory(path, robot.joint_names, robot.turns.as_motion)
 
 
 def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import optipromp
 from optipromp.cli.command import Report, Shown, command
 from optipromp.cli.console import grid, waiting
 from optipromp.cli.robot import ArmOptions, Named
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.files import check_folder, is_bag, write_atomically
 from optipromp.parts import part
 
@@ -32,6 +32,7 @@ def learn(
     /,
     out: Path,
     topic: str | None = None,
+    prefix: str | None = None,
     em: bool = False,
     bases: int | None = None,
     width: float = 4,
@@ -55,6 +56,7 @@ def learn(
         demonstrations (DEMOS): NPZ, CSV, a folder of CSVs, or a bag of joint states.
         out (FILE): Where the primitive goes (.npz).
         topic (NAME): Of a bag's joint states (/joint_states).
+        prefix (PREFIX): Of a bag's joint names, of one of several arms.
         em: Expectation-maximisation: for uneven recordings.
         bases (N): Number of bases a joint; cross-validated if left out.
         width: Width of a basis; larger is narrower.
@@ -68,7 +70,7 @@ def learn(
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
     check_folder(out.parent)
     with waiting("learning") as say:
-        recorded, recording = _read(demonstrations, arm.of(robot), topic)
+        recorded, recording = _read(demonstrations, arm.of(robot), topic, prefix)
         basis, held_out = _basis(recorded, bases, width, say)
         promp = (optipromp.fit_em if em else optipromp.fit)(recorded, basis)
         rest = residuals(recorded, basis)
@@ -99,21 +101,28 @@ def learn(
 
 
 def read_any(
-    path: Path, joints: Sequence[str] | None = None, topic: str | None = None
+    path: Path,
+    joints: Sequence[str] | None = None,
+    topic: str | None = None,
+    prefix: str | None = None,
 ) -> tuple["Demonstrations", Any]:
     """Demonstrations of a file or folder; of a bag also its cuts."""
     if not is_bag(path):
-        if topic is not None:
-            raise InvalidRequestError(f"--topic {topic}: {path} is no bag")
+        for option, value in (("topic", topic), ("prefix", prefix)):
+            if value is not None:
+                raise InvalidRequestError(f"--{option} {value}: {path} is no bag")
         return optipromp.load_demonstrations(path), None
-    found = part("load_recording")(path, joints, topic=topic)
+    found = part("load_recording")(path, joints, topic=topic, prefix=prefix or "")
     return found.demonstrations, found
 
 
-def _read(path: Path, named: Named, topic: str | None) -> tuple["Demonstrations", Any]:
+def _read(
+    path: Path, named: Named, topic: str | None, prefix: str | None
+) -> tuple["Demonstrations", Any]:
     """The demonstrations, in the joint order of a robot that is named; of a bag also its cuts."""
     from optipromp.core.promp import Demonstrations
     from optipromp.core.promp.checks import unnamed
+    from optipromp.core.promp.demonstrations import turn_apart
 
     robot = joints = None
     if named.name is not None:
@@ -121,7 +130,7 @@ def _read(path: Path, named: Named, topic: str | None) -> tuple["Demonstrations"
 
         robot = load_arm(named.name, choice=named.choice)[0]
         joints = robot.joint_names
-    recorded, recording = read_any(path, joints, topic)
+    recorded, recording = read_any(path, joints, topic, prefix)
     nameless = unnamed(recorded.joint_names)
     if robot is not None and joints is not None:
         if nameless and len(joints) == recorded.n_joints and recorded.joint_names != joints:
@@ -133,7 +142,13 @@ def _read(path: Path, named: Named, topic: str | None) -> tuple["Demonstrations"
                 stacklevel=1,
             )
             recorded = Demonstrations(recorded.items, joints)
-        return recorded.for_robot(joints, robot.lower, robot.upper, str(path)), recording
+        limits = robot.lower, robot.upper, str(path), robot.turns
+        return recorded.for_robot(joints, *limits), recording
+    if told := turn_apart(recorded):
+        raise InvalidDemonstrationError(
+            f"{path}: {told}, and their mean is between: add --robot ROBOT, which puts joints that "
+            "may turn onto one turn"
+        )
     if nameless and not recorded.named:
         warnings.warn(f"{path} {NAMELESS}", stacklevel=1)
     return recorded, recording

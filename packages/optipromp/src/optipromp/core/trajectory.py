@@ -1,7 +1,7 @@
 """Trajectories: curves of joint values over time, for controllers; their CSV and NPZ files."""
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -360,7 +360,13 @@ def from_arrays(rows: Mapping[str, Any], prefix: str = "") -> Trajectory:
     return Trajectory(times, positions, velocities, accelerations, names)
 
 
-def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
+Unwind = Callable[[FloatArray], FloatArray]
+"""Of positions (T, n) in the robot's order: the same without steps of whole turns."""
+
+
+def read_trajectory(
+    path: str | Path, joint_names: Sequence[str], unwind: Unwind | None = None
+) -> Trajectory:
     """Read a trajectory of a robot, from any source.
 
     - ``.csv``: a column ``time`` [s], a column for each joint, and, for all joints or none,
@@ -375,6 +381,7 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
     Args:
         path: of the file or folder.
         joint_names: of the robot, in its order.
+        unwind: as for :func:`curve`.
 
     Raises:
         InvalidRequestError: there is no such file, the file is no trajectory, joints are missing or
@@ -385,9 +392,9 @@ def read_trajectory(path: str | Path, joint_names: Sequence[str]) -> Trajectory:
         path = path / "waypoints.npz"
     with reading(path, "no trajectory"):
         if path.suffix.lower() == ".csv":
-            return _from_csv(path, joint_names)
+            return _from_csv(path, joint_names, unwind)
         if path.suffix.lower() == ".npz":
-            return _from_npz(path, joint_names)
+            return _from_npz(path, joint_names, unwind)
     raise InvalidRequestError(
         f"{path}: a trajectory is a .csv, an .npz or a folder of optipromp plan; a ROS bag is "
         "read by optipromp validate"
@@ -399,6 +406,7 @@ def curve(
     rows: Sequence[FloatArray | None],
     names: Sequence[str],
     joint_names: Sequence[str],
+    unwind: Unwind | None = None,
 ) -> Trajectory:
     """A trajectory of a robot from rows in any order of joints.
 
@@ -406,7 +414,8 @@ def curve(
     n). Without velocities (None) the curve is the smoothest through the positions, at rest at both
     ends. Without accelerations (None), those of the cubics through positions and velocities are
     taken: the mean of both sides. ``names``: of the n columns. ``joint_names``: of the robot, in
-    its order. Rows closer than :data:`CLOSE` are one.
+    its order. Rows closer than :data:`CLOSE` are one. ``unwind``: takes out the steps of a whole
+    turn of joints that may turn, with a warning; None: such a step is a motion.
     """
     order = joint_columns(names, joint_names, "the trajectory")
     times = np.asarray(times, dtype=np.float64)
@@ -415,6 +424,15 @@ def curve(
         for values in rows
     )
     assert positions is not None
+    if unwind is not None and np.isfinite(positions).all():
+        told, positions = positions, unwind(positions)
+        if (moved := positions != told).any():
+            row, joint = (int(k) for k in np.argwhere(moved)[0])
+            warnings.warn(
+                f"{joint_names[joint]} steps by a whole turn before row {row}: read as reported "
+                "within one turn; a controller that takes the rows as they are would turn back",
+                stacklevel=4,
+            )
     stated = velocities is not None and accelerations is not None
     chosen = _knots(times, positions, joint_names, stated)
     times, positions = times[chosen] - times[:1], positions[chosen]
@@ -461,13 +479,25 @@ def _knots(
     return chosen
 
 
-def joint_columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
+def prefixes(names: Collection[str], joints: Sequence[str]) -> list[str]:
+    """The prefixes behind which all ``joints`` stand among the names; the empty one alone, if so.
+
+    Drivers put a prefix before all names of an arm (``fr3_joint1``).
+    """
+    tails = (name.removesuffix(joints[0]) for name in names if name.endswith(joints[0]))
+    found = [p for p in tails if all(p + joint in names for joint in joints)]
+    return [""] if "" in found else found
+
+
+def joint_columns(
+    names: Sequence[str], joints: Sequence[str], what: str, prefix: str = ""
+) -> list[int]:
     """The index in ``names`` of each of the n ``joints``; further names are ignored.
 
-    Drivers put a prefix before all names of an arm (``fr3_joint1``). If the joints are not among
-    the names, they are searched behind a prefix that all of them share.
+    If the joints are not among the names, they are searched behind a prefix that all of them share.
 
-    ``what``: the owner of the names, which begins the error.
+    ``what``: the owner of the names, which begins the error. ``prefix``: behind which alone the
+    joints are searched; empty: any.
     """
     names = list(names)
     if not joints:
@@ -475,14 +505,13 @@ def joint_columns(names: Sequence[str], joints: Sequence[str], what: str) -> lis
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidRequestError(f"{what}: joint {twice!r} is named twice: must be once")
-    tails = (name.removesuffix(joints[0]) for name in names if name.endswith(joints[0]))
-    prefixes = [p for p in tails if all(p + joint in names for joint in joints)]
-    if "" in prefixes or len(prefixes) == 1:
-        prefix = "" if "" in prefixes else prefixes[0]
-        return [names.index(prefix + joint) for joint in joints]
-    if prefixes:
+    joints = [prefix + joint for joint in joints]
+    found = [""] * (set(joints) <= set(names)) if prefix else prefixes(names, joints)
+    if len(found) == 1:
+        return [names.index(found[0] + joint) for joint in joints]
+    if found:
         raise InvalidRequestError(
-            f"{what}: the joints stand there behind each of the prefixes {', '.join(prefixes)}: "
+            f"{what}: the joints stand there behind each of the prefixes {', '.join(found)}: "
             "must be one arm"
         )
     missing = [joint for joint in joints if joint not in names]
@@ -502,7 +531,7 @@ def _of_cubics(times: FloatArray, q: FloatArray, velocity: FloatArray) -> FloatA
     return np.concatenate([after[:1], middle, before[-1:]])
 
 
-def _from_npz(path: Path, joint_names: Sequence[str]) -> Trajectory:
+def _from_npz(path: Path, joint_names: Sequence[str], unwind: Unwind | None) -> Trajectory:
     found = read_npz(path)
     for name in set(found) & {"time", *CURVE}:
         if found[name].dtype.kind not in "fiu":
@@ -523,10 +552,10 @@ def _from_npz(path: Path, joint_names: Sequence[str]) -> Trajectory:
                 f"{what} have shape {np.shape(values)}; {len(np.ravel(times))} times and "
                 f"{len(names)} joints ask for ({len(np.ravel(times))}, {len(names)})"
             )
-    return curve(np.ravel(times), rows, names, joint_names)
+    return curve(np.ravel(times), rows, names, joint_names, unwind)
 
 
-def _from_csv(path: Path, joint_names: Sequence[str]) -> Trajectory:
+def _from_csv(path: Path, joint_names: Sequence[str], unwind: Unwind | None) -> Trajectory:
     table = read_table(path, InvalidRequestError, "time,<joint>,...")
     header = table.header
     if header.count("time") != 1 or len(set(header)) != len(header):
@@ -543,4 +572,4 @@ def _from_csv(path: Path, joint_names: Sequence[str]) -> Trajectory:
     if rows[0] is None:
         raise InvalidRequestError("it has no column of a joint")
     times = table.numbers([header.index("time")])[:, 0]
-    return curve(times, rows, names, joint_names)
+    return curve(times, rows, names, joint_names, unwind)

@@ -153,7 +153,7 @@ class Streamed:
             self.rows.append((self.time, self.asked.q, measured.q))
         if self.reason:
             return
-        error, guard = np.abs(self.asked.q - measured.q), self.arm.guard
+        error, guard = np.abs(self.arm.robot.apart(measured.q, self.asked.q)), self.arm.guard
         joint = int(np.argmax(error))
         if self.aborted.is_set():
             self._stop("it was aborted", self.asked)
@@ -178,7 +178,7 @@ class Streamed:
     def _near(self, measured: State) -> State:
         """The measured state, at most ``Guard.tracking`` away from the last reference."""
         most, fastest = self.arm.guard.tracking, self.arm.robot.velocity
-        off = np.clip(measured.q - self.asked.q, -most, most)
+        off = np.clip(self.arm.robot.apart(measured.q, self.asked.q), -most, most)
         return State(self.asked.q + off, np.clip(measured.velocity, -fastest, fastest))
 
     def _stop(self, reason: str, state: State) -> None:

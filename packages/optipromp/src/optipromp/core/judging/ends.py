@@ -16,10 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
+from optipromp.core.arrays import FloatArray, IntArray, frame_along
 from optipromp.core.geometry.shapes import FINE, Capsule, Cone, Ellipsoid, PointCloudShape, Sphere
 from optipromp.core.judging.curve import along
-from optipromp.core.judging.kinematics import body_of, fitting, last_poses
+from optipromp.core.judging.kinematics import fitting, last_poses
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.goals import (
@@ -151,10 +151,7 @@ def _against(
     if isinstance(goal, RegionGoal):
         return _region(goal, robot, last, tip, axis, time)
     assert isinstance(goal, JointGoal)
-    off = last - goal.joints
-    turns = unlimited(robot)
-    off[turns] = np.mod(off[turns] + np.pi, 2.0 * np.pi) - np.pi
-    error = float(np.max(np.abs(off)))
+    error = float(np.max(np.abs(robot.turns.missed(last, goal.joints))))
     text = f"the end is {error:.4f} rad from the goal configuration"
     missed = Violation("goal", text, "", time, error, "rad")
     return End(error, None, [missed] if error > GOAL_TOLERANCE else [])
@@ -207,15 +204,6 @@ def _between(a: list[float], b: list[float]) -> float:
     """Angle between two vectors [rad], exact for small angles too."""
     cross = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     return math.atan2(math.hypot(*cross), a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-
-
-def unlimited(robot: Robot) -> BoolArray:
-    """Whether each joint (n,) turns without limits, and all that it drives in whole turns."""
-    body = body_of(robot)
-    out = ~(np.isfinite(robot.lower) | np.isfinite(robot.upper))
-    for driver, slides, ratio in zip(body.driver, body.prismatic, body.ratio, strict=True):
-        out[driver] &= not slides and float(ratio).is_integer()
-    return np.asarray(out, dtype=np.bool_)
 
 
 def poses_of_tool(robot: Robot, q: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -374,7 +374,7 @@ def _ends(robot: Robot, trajectory: Trajectory, start: State | None) -> list[Vio
     out, names = [], robot.joint_names
     if start is not None:
         begin = start
-        off = float(np.max(np.abs(trajectory.positions[0] - start.q)))
+        off = float(np.max(np.abs(robot.apart(trajectory.positions[0], start.q))))
         if off > ROUNDING:
             text = "the trajectory does not begin at the start"
             out.append(Violation("start", text, "", 0.0, off, "rad or m"))

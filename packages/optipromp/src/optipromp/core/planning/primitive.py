@@ -125,7 +125,8 @@ def _given(given: object, basis: Basis, robot: Robot) -> ProMP:
     what = "the ProMP" if isinstance(given, ProMP) else str(given)
     joints, lower, upper = robot.joint_names, robot.lower, robot.upper
     if not isinstance(given, ProMP) and not is_primitive(Path(given)):
-        return fit(load_demonstrations(given).for_robot(joints, lower, upper, what), basis)
+        recorded = load_demonstrations(given).for_robot(joints, lower, upper, what, robot.turns)
+        return fit(recorded, basis)
     promp = given if isinstance(given, ProMP) else ProMP.load(given)
     mean = promp.for_joints(joints, what).mean_trajectory(PRIMITIVE.checked)
     # the mean of few bases overshoots; only beyond the limits by a joint's range it has other units

@@ -27,7 +27,6 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots import ik
 from optipromp.core.robots.grippers import PRESS, Scissor
 from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
@@ -458,8 +457,7 @@ def _turned(goal: JointGoal, robot: Robot, start: FloatArray) -> JointGoal:
     """A goal whose joints that may turn without end have their values nearest to ``start`` (n,)."""
     joints = robot.check_configuration(goal.joints)
     joints = within_limits(robot, joints, "goal", InvalidRequestError)
-    turns = np.where(ik.turning(robot), np.round((joints - start) / (2.0 * np.pi)), 0.0)
-    return JointGoal(joints - 2.0 * np.pi * turns)
+    return JointGoal(np.where(robot.turns.endless, robot.turns.onto(joints, start), joints))
 
 
 def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatArray:
@@ -488,9 +486,7 @@ def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatA
 def at_goal(robot: Robot, goal: Goal, q: FloatArray) -> bool:
     """Whether configuration ``q`` (n,) is at a goal, within its tolerances."""
     if isinstance(goal, JointGoal):
-        off = q - goal.joints
-        turns = np.where(ik.turning(robot), np.round(off / (2.0 * np.pi)), 0.0)
-        return bool(np.max(np.abs(off - 2.0 * np.pi * turns)) < WITHIN)
+        return bool(np.max(np.abs(robot.turns.missed(q, goal.joints))) < WITHIN)
     point, axis = robot.tool_pose(q)
     if isinstance(goal, PoseGoal):
         near = np.linalg.norm(point - goal.position) < WITHIN

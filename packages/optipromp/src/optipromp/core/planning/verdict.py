@@ -119,7 +119,8 @@ def judge(
     task = resolve(scene if isinstance(scene, Scene) else load_scene(scene), robot)
     task = replace(task, risk=risk)
     if not isinstance(trajectory, Trajectory):
-        trajectory = read_trajectory(trajectory, task.robot.joint_names)
+        robot = task.robot
+        trajectory = read_trajectory(trajectory, robot.joint_names, robot.turns.as_motion)
     if trajectory.joint_names != task.robot.joint_names:
         raise InvalidRequestError(
             f"the trajectory's joints are {', '.join(trajectory.joint_names)}; "

@@ -10,22 +10,17 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optipromp.core.arrays import FloatArray, IntArray, read_only
+from optipromp.core.arrays import BoolArray, FloatArray, read_only
 from optipromp.core.documents import read_document, read_table
 from optipromp.core.errors import InvalidDemonstrationError, OptiPrompError, installed_by
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp import checks
+from optipromp.core.robots.measured import parts_in_time
+from optipromp.core.robots.turns import BEYOND_LIMITS, TURN, WRAP, Turns, unwrapped
 
-BEYOND_LIMITS = 0.05
-"""[rad or m] Excess of a demonstration over a joint's limits that is accepted: an arm that is led
-by hand leans into its stops."""
 _LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
 _BLUNDER = 1.0  # [rad or m] farther beyond a limit no arm leans, and degrees are
 _STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
-TURN = 2.0 * np.pi  # [rad]
-_WRAP = 0.5  # [rad] a step between two samples that is this near a whole turn is no motion
-_JITTER = 5.0  # usual steps by which the time may run back: messages that overtake each other
-_SAME = 0.05  # [rad or m] parts of a recording that differ by less at all times are one
 _BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
@@ -150,24 +145,47 @@ class Demonstrations(Sequence[Demonstration]):
         return Demonstrations(tuple(items), tuple(joints))
 
     def for_robot(
-        self, joints: Sequence[str], lower: FloatArray, upper: FloatArray, what: str
-    ) -> "Demonstrations":
+        self, joints: Sequence[str], lower: FloatArray, upper: FloatArray, what: str,
+        turns: Turns | None = None,
+    ) -> "Demonstrations":  # fmt: skip
         """As :meth:`for_joints`, within the limits (n,) of a robot.
 
-        A joint without limits begins at most half a turn from where it begins in the first
-        demonstration.
+        A joint that may turn begins at most half a turn from where it begins in the first
+        demonstration, or in another where only then all are within the joint's limits.
+
+        ``turns``: which joints may; None: those without limits.
 
         Raises:
-            InvalidDemonstrationError: as :meth:`for_joints` and :func:`check_limits`.
+            InvalidDemonstrationError: as :meth:`for_joints` and :func:`check_limits`; a turn
+                apart, where the limits have no room for one.
         """
         ordered = self.for_joints(joints, what)
-        free, first = np.isinf(lower) & np.isinf(upper), ordered[0].positions[0]
+        free = Turns(np.isinf(lower) & np.isinf(upper), lower, upper) if turns is None else turns
+        away = _one_turn(ordered, free)
         items = []
         for i, item in enumerate(ordered):
-            turns = np.where(free, np.round((item.positions[0] - first) / TURN), 0.0)
-            items.append(replace(item, positions=item.positions - TURN * turns))
+            items.append(replace(item, positions=item.positions - TURN * away[i]))
             check_limits(items[i].positions, joints, lower, upper, f"{what}: demonstration {i}")
-        return Demonstrations(tuple(items), tuple(joints))
+        found = Demonstrations(tuple(items), tuple(joints))
+        if told := turn_apart(found, free.may):
+            raise InvalidDemonstrationError(
+                f"{what}: {told}, and its limits have no room for all on one turn: leave one out"
+            )
+        return found
+
+
+def _one_turn(found: Demonstrations, turns: Turns) -> FloatArray:
+    """Whole turns (N, n) that, taken off, leave the demonstrations on one turn of each joint."""
+    starts = np.array([item.positions[0] for item in found])
+    low, high = (np.array([side(d.positions, axis=0) for d in found]) for side in (np.min, np.max))
+    out, done = np.zeros_like(starts), ~turns.may
+    for first in starts:
+        away = TURN * np.round((starts - first) / TURN)
+        fits = (low - away >= turns.lower - BEYOND_LIMITS).all(axis=0)
+        fits &= (high - away <= turns.upper + BEYOND_LIMITS).all(axis=0)
+        out[:, fits & ~done] = np.round(away / TURN)[:, fits & ~done]
+        done |= fits
+    return out
 
 
 def check_limits(
@@ -237,16 +255,8 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
 def _odd(found: Demonstrations) -> list[str]:
     """Demonstrations that run the other way, or stand still for long, in words."""
     told = []
-    starts = np.array([d.positions[0] for d in found])
-    away = starts - np.median(starts, axis=0)
-    turns = np.round(away / TURN)
-    apart = (turns != 0.0) & (np.abs(away - TURN * turns) < _WRAP)
-    if apart.any() and np.abs(starts).max() <= _LARGEST:
-        i, joint = (int(k) for k in np.argwhere(apart)[0])
-        told.append(
-            f"demonstration {i} begins a turn apart from others in {found.joint_names[joint]}: "
-            "'learn --robot ROBOT' puts joints without limits onto one turn"
-        )
+    if words := turn_apart(found):
+        told.append(f"{words}: 'learn --robot ROBOT' puts joints that may turn onto one turn")
     ends = np.array([d.positions[[0, -1]] for d in found])  # (N, 2, n)
     usual = np.median(ends, axis=0)
     away, back = (np.linalg.norm(ends - e, axis=2).sum(axis=1) for e in (usual, usual[::-1]))
@@ -264,65 +274,19 @@ def _odd(found: Demonstrations) -> list[str]:
     return told
 
 
-def parts_in_time(
-    what: str, times: FloatArray, positions: FloatArray
-) -> list[tuple[FloatArray, FloatArray]]:
-    """Times (k,), increasing, and positions (k, n) of each part of a recording.
+def turn_apart(found: Demonstrations, may: BoolArray | bool = True) -> str:
+    """Which demonstration begins a whole turn from the others, in words; empty: none does.
 
-    Where the time runs back a clock was set, and a part ends: unless messages overtook each other,
-    or the parts say the same of the times that they share. Of rows at one time the first stays.
-
-    Args:
-        what: the recording; begins the warnings of what was cut or left out.
-        times: (m,) as recorded, in any unit.
-        positions: (m, n) [rad or m].
+    ``may``: (n,) which joints are looked at.
     """
-
-    def in_order(rows: IntArray) -> IntArray:
-        return rows[np.unique(times[rows], return_index=True)[1]]
-
-    steps = np.diff(times)
-    jitter = _JITTER * np.quantile(np.abs(steps), 0.75) if len(steps) else 0.0
-    back = np.flatnonzero(steps < -jitter) + 1
-    parts: list[IntArray] = []
-    for rows in np.split(np.arange(len(times)), back):
-        for k, part in enumerate(parts):
-            if _agree(times, positions, part, in_order(rows)):
-                parts[k] = in_order(np.concatenate([part, rows]))
-                break
-        else:
-            if parts:
-                warnings.warn(
-                    f"{what}: the time runs back by {-steps[rows[0] - 1]:.6g} at row {rows[0]}: "
-                    "cut there, and both parts are read",
-                    stacklevel=4,
-                )
-            parts.append(in_order(rows))
-    if dropped := len(times) - sum(map(len, parts)):
-        words = f"{dropped} of {len(times)} rows have the time of another: left out"
-        warnings.warn(f"{what}: {words}", stacklevel=4)
-    return [(times[part], positions[part]) for part in parts]
-
-
-def _agree(times: FloatArray, positions: FloatArray, a: IntArray, b: IntArray) -> bool:
-    """Whether two parts share a stretch of time, and have the same positions then."""
-    shared = b[(times[b] >= times[a[0]]) & (times[b] <= times[a[-1]])]
-    if not len(shared):
-        return False
-    there = [np.interp(times[shared], times[a], column) for column in positions[a].T]
-    return bool(np.abs(np.stack(there, axis=1) - positions[shared]).max() < _SAME)
-
-
-def unwrapped(positions: FloatArray) -> FloatArray:
-    """Positions (T, n) without the steps of a whole turn that an encoder makes at its end.
-
-    Only of joints that are reported within one turn: larger values are no angles of an encoder.
-    """
-    steps = np.diff(positions, axis=0)
-    turns = np.round(steps / TURN)
-    wraps = (np.abs(steps - TURN * turns) < _WRAP) & (np.ptp(positions, axis=0) < TURN + _SAME)
-    gone = np.cumsum(np.where(wraps, turns, 0.0), axis=0)
-    return np.concatenate([positions[:1], positions[1:] - TURN * gone])
+    starts = np.array([d.positions[0] for d in found])
+    away = starts - np.sort(starts, axis=0)[len(starts) // 2]
+    turns = np.round(away / TURN)
+    apart = may & (turns != 0.0) & (np.abs(away - TURN * turns) < WRAP)
+    if not apart.any() or np.abs(starts).max() > _LARGEST:
+        return ""
+    i, joint = (int(k) for k in np.argwhere(apart)[0])
+    return f"demonstration {i} begins a turn apart from others in {found.joint_names[joint]}"
 
 
 def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[str]) -> None:

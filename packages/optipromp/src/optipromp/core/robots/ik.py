@@ -16,10 +16,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.compiled import inner, kernel
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.robots.kernels import PRISMATIC, chain_frames, tool_rows
+from optipromp.core.robots.kernels import chain_frames, tool_rows
 from optipromp.core.robots.model import Robot
 
 AXIS_LENGTH = 0.3  # [m] chosen: ℓ, lever that weighs an axis error against a position error
@@ -285,7 +285,7 @@ def solve(
     )  # fmt: skip
     good = (position_error < POSITION_SOLVED) & (axis_error < AXIS_SOLVED)
     rested = robot.home if rest is None else rest
-    endless = turning(robot)
+    endless = robot.turns.endless
     q = q[good] if whole else _at_rest(robot, q[good], rested, axis is not None)
     q[:, endless] -= 2.0 * np.pi * np.round((q - rested)[:, endless] / (2.0 * np.pi))
     margin = np.min(np.minimum(q - robot.lower, robot.upper - q), axis=1, initial=np.inf)
@@ -299,16 +299,6 @@ def solve(
 def uniform(seed: int, shape: tuple[int, ...]) -> FloatArray:
     """Samples of the uniform distribution from 0 to 1, the same for a seed."""
     return frozen(np.random.default_rng(seed).random(shape))
-
-
-@functools.lru_cache(maxsize=32)
-def turning(robot: Robot) -> BoolArray:
-    """Whether a full turn of each joint (n,) changes nothing: it has no limits, and mimic joints
-    follow it in whole turns."""
-    kin = robot.kinematics
-    endless = np.isinf(robot.lower) & np.isinf(robot.upper)
-    endless[kin.dof[(kin.kind == PRISMATIC) | (kin.multiplier != np.round(kin.multiplier))]] = False
-    return frozen(endless, np.bool_)
 
 
 def _at_rest(robot: Robot, q: FloatArray, rest: FloatArray, with_axis: bool) -> FloatArray:

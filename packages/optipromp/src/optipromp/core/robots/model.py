@@ -15,6 +15,7 @@ from optipromp.core.robots.description import NOT_TOLD, Arm, LeftOut, LinkGeomet
 from optipromp.core.robots.kernels import PRISMATIC, Kinematics, distances_between
 from optipromp.core.robots.mounted import loads_of, weight_of
 from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.robots.turns import Turns
 from optipromp.core.shown import Shown
 
 __all__ = ["BodySpheres", "Kinematics", "Robot"]
@@ -86,6 +87,15 @@ class Robot(Shown):
     def n_joints(self) -> int:
         """Number of independent joints."""
         return len(self.joint_names)
+
+    @property
+    def turns(self) -> Turns:
+        """Of which joints a whole turn changes nothing."""
+        return Turns.of(self.kinematics, self.lower, self.upper)
+
+    def apart(self, q: FloatArray, other: FloatArray) -> FloatArray:
+        """How far ``q`` (..., n) is from ``other`` (..., n), without whole turns [rad or m]."""
+        return self.turns.apart(q, other)
 
     def limits(self, margin: float) -> tuple[FloatArray, FloatArray]:
         """Limits (n,) drawn in by ``margin`` [rad or m], or by a quarter of a narrow range."""
