@@ -20,7 +20,7 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Goal, JointGoal, PoseGoal, RegionGoal, Scene
 from optipromp.core.trajectory import joint_columns
-from optipromp_ros.measured import Measured
+from optipromp_ros.arm_state import ArmState
 from optipromp_ros.scenes import (
     COLLISION_OBJECT,
     Held,
@@ -90,7 +90,7 @@ class LiveScene:
     frames: Mapping[str, Pose]
     held: Mapping[str, Held] = field(default_factory=dict)
     prefix: str = ""
-    arm: Measured = field(default_factory=Measured)
+    arm: ArmState = field(default_factory=ArmState)
     unknown: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod

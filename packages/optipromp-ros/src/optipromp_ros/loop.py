@@ -4,6 +4,7 @@
 """
 
 import bisect
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -390,7 +391,7 @@ def answer(
         demonstrations: as for :func:`optipromp.plan`.
         rate: of the points of the answer [Hz]; None: the rows of the plan.
         prefix: of joint and link names in ROS.
-        now: by the clock of the joint states [ns]; after :data:`optipromp_ros.measured.OLD` they
+        now: by the clock of the joint states [ns]; after :data:`optipromp_ros.arm_state.OLD` they
             are refused. None: they are recorded, and their age is not judged.
 
     Returns:

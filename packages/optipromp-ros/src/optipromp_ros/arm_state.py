@@ -9,8 +9,9 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, StartInvalidError
 from optipromp.core.execution.executor import Guard, gap_beyond
+from optipromp.core.robots.measured import AT_REST
 from optipromp.core.trajectory import State
-from optipromp_ros.trajectories import AT_REST, NANO, joint_motion, nanoseconds
+from optipromp_ros.trajectories import NANO, joint_motion, nanoseconds
 from optipromp_ros.types import Message
 
 OLD = 1.0  # [s] of a state after which the arm may be elsewhere: a choice
@@ -18,7 +19,7 @@ BEGIN = Guard()  # of an executor, by which a curve begins where the arm is
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class ArmState:
     """The newest joint states of an arm.
 
     Attributes:
@@ -37,18 +38,18 @@ class Measured:
     place: FloatArray | None = None
     told: bool = False
 
-    def heard(self, item: Message, joints: Sequence[str], now: int | None) -> "Measured":
+    def heard(self, item: Message, joints: Sequence[str], now: int | None) -> "ArmState":
         """After a ``sensor_msgs/JointState`` of the n ``joints`` that came at ``now`` [ns]."""
         stamp = nanoseconds(item.header.stamp)
         times = tuple(time for time in (stamp or None, now) if time is not None)
         try:
             state = joint_motion(item, joints, "joint_states")
         except InvalidRequestError as error:
-            return Measured(why=error.message, times=times)
+            return ArmState(why=error.message, times=times)
         since, place, told = max(times, default=0), state.q, len(item.velocity) > 0
         if self.place is not None and np.abs(state.q - self.place).max() <= AT_REST * OLD:
             since, place = self.since, self.place
-        return Measured(state, "", times, since, place, told)
+        return ArmState(state, "", times, since, place, told)
 
     def known(self, now: int | None) -> State:
         """The state of the arm at ``now`` [ns]; None: of recorded states, whose age is not judged.
