@@ -119,6 +119,8 @@ def test_across_a_gap_and_outside_of_what_was_heard_nobody_knows() -> None:
         one.heard(time, JOINTS, moved(time)[0])
     np.testing.assert_allclose(one.at(0.15), moved(0.15)[0])
     np.testing.assert_allclose(one.at(0.75), moved(0.6)[0])
+    for edge in (0.2, 0.5):  # a state is known, whatever is beside it
+        np.testing.assert_array_equal(one.at(edge), moved(edge)[0])
     for time, words in (
         (0.35, r"no joint states came for 0\.300 s around then, must be 0\.2 s"),
         (0.9, r"0\.300 s after the newest joint states: must be 0\.2 s"),

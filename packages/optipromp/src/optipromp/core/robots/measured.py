@@ -36,9 +36,10 @@ class Series(NamedTuple):
         return np.stack([np.interp(times, self.times, column) for column in self.q.T], axis=1)
 
     def steps(self, times: FloatArray) -> FloatArray:
-        """Time between the rows around each of ``times`` (k,) [s]; 0 before and after all."""
+        """Time between the rows around each of ``times`` (k,) [s]; 0 at a row and outside."""
+        before = np.searchsorted(self.times, times, side="right") - 1
         after = np.searchsorted(self.times, times)
-        low, high = (np.clip(k, 0, len(self.times) - 1) for k in (after - 1, after))
+        low, high = (np.clip(k, 0, len(self.times) - 1) for k in (before, after))
         return np.asarray(self.times[high] - self.times[low])
 
 
