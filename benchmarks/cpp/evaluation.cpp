@@ -1,5 +1,5 @@
 // Cost and gradient of a trajectory in plain C++: what one evaluation of the joint strategy does
-// (src/optipromp/optimization/evaluation.py and kernels/), with the same arithmetic, for comparison.
+// (optipromp/core/optimization, evaluation.py and kernels.py), with the same arithmetic, for comparison.
 //
 //   evaluation FILE     reads the problem, then answers commands on standard input:
 //     check             prints cost, values of the terms, and the gradient

@@ -1,5 +1,5 @@
 // Signed distances of the primitive shapes with their gradients, as in
-// src/optipromp/geometry/distances.py.
+// optipromp/core/geometry/distances.py.
 
 #pragma once
 
