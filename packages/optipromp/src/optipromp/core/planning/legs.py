@@ -204,7 +204,7 @@ def lifted(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
                 return
         yield Proposal((False, False, 0.0), legs)
 
-    yield Proposal((True, False, 1.0), stuck(reach))
+    yield Proposal((True, False, 1.0), lambda: [Proposal((True, False, 1.0), stuck(reach))])
     for k, (up, back) in enumerate(lifts(reach, held(reach)[1], distance_of(reach))):
         yield Proposal((False, False, 0.0), partial(judged, k, up, back))
 
