@@ -3,9 +3,10 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Gt, Unit
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inner
@@ -15,10 +16,11 @@ from optipromp.core.optimization.costs.obstacles import ObstacleCost, Reduction
 from optipromp.core.optimization.evaluation import Cost, Evaluation
 from optipromp.core.optimization.kernels import add_along
 from optipromp.core.optimization.problem import Problem
-from optipromp.core.planning.options import Optimised, numbers, require
+from optipromp.core.planning.options import Metres, Optimised, Phase
 from optipromp.core.planning.result import Planned, Term
 from optipromp.core.planning.task import Task
 from optipromp.core.scenes.scene import PoseGoal
+from optipromp.core.values import NotNegative, Positive
 
 Strategy = Literal["joint", "sequential"]
 Constraints = Literal["push-model", "paper"]
@@ -60,34 +62,24 @@ class PaperSettings(Optimised):
 
     strategy: Strategy = "sequential"
     constraints: Constraints = "paper"
-    alphas: tuple[float, float, float, float] = (1.0, 1.0, 1.0, 0.0)
-    epsilon: float = 0.01
+    alphas: tuple[NotNegative, NotNegative, NotNegative, NotNegative] = (1.0, 1.0, 1.0, 0.0)
+    epsilon: Annotated[float, Gt(0.0), Unit("m")] = 0.01
     reduction: Reduction | None = None
     push: PushForm | None = None
-    push_weights: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    push_weights: tuple[NotNegative, NotNegative, NotNegative] = (1.0, 1.0, 1.0)
     drift: PaperDrift = "paper"
-    drift_offset: float | Mapping[str, float] | None = None
-    camera_phase: float | None = None
-    via_deviation: float = 1e-3
-    trust_radii: tuple[float, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
+    drift_offset: Metres | Mapping[str, Metres] | None = None
+    camera_phase: Phase | None = None
+    via_deviation: Metres = 1e-3
+    trust_radii: tuple[Positive, ...] = (0.005, 0.01, 0.02, 0.05, 0.1)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        phase, offset, radii = self.camera_phase, self.drift_offset, list(self.trust_radii)
-        offsets = () if offset is None else numbers(offset)
-        four = len(self.alphas) == 4 and min(self.alphas) >= 0
-        three = len(self.push_weights) == 3 and min(self.push_weights) >= 0
-        rising = len(radii) > 0 and min(radii) > 0 and radii == sorted(radii)
-        for name, ok, wanted in (
-            ("alphas", four, "four weights, none negative"),
-            ("epsilon", self.epsilon > 0, "positive [m]"),
-            ("push_weights", three, "three weights, none negative"),
-            ("drift_offset", all(offset >= 0 for offset in offsets), "not negative [m]"),
-            ("camera_phase", phase is None or 0.0 < phase < 1.0, "between 0 and 1"),
-            ("via_deviation", self.via_deviation >= 0, "not negative [m]"),
-            ("trust_radii", rising, "positive, from small to large [rad]"),
-        ):
-            require(self, "", ok, name, wanted)
+        radii = list(self.trust_radii)
+        if not radii or radii != sorted(radii):
+            raise InvalidRequestError(
+                f"trust_radii is {radii}: must be positive, from small to large [rad]"
+            )
 
 
 def weighted(task: Task, options: PaperSettings, first: int) -> list[Cost]:

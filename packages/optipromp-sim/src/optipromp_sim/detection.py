@@ -4,38 +4,28 @@
 :mod:`optipromp_sim.simulation.detector` makes picture after picture of a camera.
 """
 
-import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, rotation
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.scenes.scene import SceneObject
-
-ERRORS = "position", "angle", "lower", "missed", "hidden"
+from optipromp.core.values import Part
 
 
 @dataclass(frozen=True)
-class Noise(Checked):
+class Noise(Checked, label="noise_"):
     """The errors of a detector. Covariances of positions do not include ``lower``."""
 
+    signed: ClassVar[tuple[str, ...]] = ("lower",)
     position: float = parameter(0.0, "m", "choice", "deviation of each coordinate; 0: exact")
     angle: float = parameter(0.0, "deg", "choice", "deviation of a stem's tilt, each axis")
     lower: float = parameter(0.0, "m", "choice", "of what hangs; positive: seen lower than it is")
-    missed: float = parameter(0.0, "1", "choice", "probability that a fruit in view is missed")
-    hidden: float = parameter(0.0, "1", "choice", "the same, wholly hidden; else by the share")
-
-    def __post_init__(self) -> None:
-        for name in ERRORS:
-            value, least = getattr(self, name), -math.inf if name == "lower" else 0.0
-            most = 1.0 if name in ("missed", "hidden") else math.inf
-            if not (math.isfinite(value) and least <= value <= most):
-                raise InvalidRequestError(
-                    f"noise_{name} is {value}; must be finite, and from {least:g} to {most:g}"
-                )
+    missed: Part = parameter(0.0, "1", "choice", "probability that a fruit in view is missed")
+    hidden: Part = parameter(0.0, "1", "choice", "the same, wholly hidden; else by the share")
 
 
 NOISES: dict[str, Noise] = {

@@ -76,9 +76,9 @@ def test_settings_add_up_and_the_last_of_a_key_counts() -> None:
         ("costs=[]", r"--set costs: no such setting"),
         ("paper=3", r"--set paper: no such setting"),
         ("max_step=[", r"--set max_step=\[: cannot read"),
-        ("max_step=-1", r"max_step is -1; it must be at least 1e-06"),
-        ("max_step=fast", r"max_step is fast; it must be of type float"),
-        ("waypoints=2", r"waypoints is 2; it must be a whole number >= 3"),
+        ("max_step=-1", r"max_step is -1: must be at least 1e-06 \[rad or m\]"),
+        ("max_step=fast", r"max_step is 'fast': must be a number \[rad or m\]"),
+        ("waypoints=2", r"waypoints is 2: must be at least 3 and at most 20000"),
     ],
 )
 def test_what_is_wrong_is_said(pair: str, message: str) -> None:
@@ -90,9 +90,9 @@ def test_what_is_wrong_is_said(pair: str, message: str) -> None:
     ("pair", "message"),
     [
         ("drift_ofset=0.03", r"did you mean 'drift_offset'"),
-        ("epsilon=0", r"epsilon is 0; it must be positive"),
-        ("constraints=all", r"constraints is all; it must be"),
-        ("alphas=[-1,1,1,0]", "negative"),
+        ("epsilon=0", r"epsilon is 0: must be above 0 \[m\]"),
+        ("constraints=all", r"constraints is 'all': valid are"),
+        ("alphas=[-1,1,1,0]", r"alphas\[0\] is -1: must be at least 0"),
         ("paper.epsilon=0.1", r"--planner paper --set epsilon=\.\.\."),
     ],
 )

@@ -5,10 +5,11 @@ import sys
 from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
+from annotated_types import Gt, Unit
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -42,7 +43,7 @@ class Line:
         speed: of the tool [m/s].
     """
 
-    speed: float = 0.1
+    speed: Annotated[float, Gt(0.0), Unit("m/s")] = 0.1
 
     def solve(self, task: Task, budget: Budget) -> Planned | Failed:
         share = np.linspace(0.0, 1.0, 50)[:, None]
@@ -129,6 +130,23 @@ def test_an_answer_of_another_kind_is_refused(three: Scene) -> None:
         plan(three, planner=Silent())  # type: ignore[arg-type]
 
 
+def test_an_error_of_a_strangers_planner_names_the_planner_and_the_line(three: Scene) -> None:
+    """Also where it follows its proposal."""
+
+    class Wrong:
+        def solve(self, task: Task, budget: Budget) -> Answer:
+            return Planned(task.no_such_thing)  # type: ignore[attr-defined]
+
+    class Later:
+        def solve(self, task: Task, budget: Budget) -> Answer:
+            return Proposal(0.0, lambda: {}["missing"])
+
+    for kind, error in ((Wrong, "AttributeError: "), (Later, "KeyError: 'missing'")):
+        told = rf"^planner {kind.__name__} failed: {error}.* \(\w+\.py, line \d+\)$"
+        with pytest.raises(InvalidRequestError, match=told):
+            plan(three, planner=kind())
+
+
 def test_the_least_harmful_path_is_followed_where_all_do_harm(three: Scene) -> None:
     followed: list[float] = []
 
@@ -165,8 +183,13 @@ def test_a_strangers_planner_is_planned_with_studied_and_listed(
     assert made["planner"] == "Line"
     slow = plan("scenario-3", planner="line").trajectory.duration
     assert made["metrics"]["duration"] < slow
-    wrong = CliRunner().invoke(app, [*words[:4], "--set", "corridor=0.2"])
-    assert (wrong.exit_code, "no such setting; valid are speed" in wrong.stderr) == (2, True)
+    for pair, told in (
+        ("corridor=0.2", "no such setting; valid are speed"),
+        ("speed=fast", "speed is 'fast': must be a number"),
+        ("speed=-1.0", "speed is -1.0: must be above 0 [m/s]"),
+    ):
+        wrong = CliRunner().invoke(app, [*words[:4], "--set", pair])
+        assert (wrong.exit_code, told in wrong.stderr) == (2, True)
 
 
 def test_what_cannot_be_loaded_is_said(three: Scene, strangers: None) -> None:

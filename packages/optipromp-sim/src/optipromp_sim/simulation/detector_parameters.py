@@ -2,18 +2,16 @@
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Annotated, Literal
 
-from optipromp.core.parameters import Checked, parameter
-from optipromp.core.planning.options import require
+from annotated_types import Gt, Le
+
+from optipromp.core.errors import InvalidRequestError
+from optipromp.core.parameters import parameter
+from optipromp.core.values import Part, Positive
 from optipromp_sim.detection import Noise
 
-MOUNTS = "palm", "hand", "beside"
-SHARES = (
-    "steady", "missed", "hidden", "hidden_from", "hidden_to", "missed_steadily", "swapped",
-    "stem_seen", "leaf",
-)  # fmt: skip
-ABOVE_ZERO = "view", "rate", "reference", "slot", "aim", "leaf_size", "false_radius"
+View = Annotated[float, Gt(0.0), Le(math.pi)]
 
 
 @dataclass(frozen=True)
@@ -30,24 +28,26 @@ class DetectorParameters(Noise):
     signed = "bias", "lower", "stamp"
     # palm: on the tool's axis; hand: on the flange; beside: standing
     mount: Literal["palm", "hand", "beside"] = parameter("palm", "", "choice", "its place")
-    view: float = parameter(1.4, "rad", "choice", "full angle of the view; RGB-D: 42-87 degrees")
-    rate: float = parameter(20.0, "Hz", "reported", "pictures; detectors run at 10-30 Hz")
+    view: View = parameter(1.4, "rad", "choice", "full angle of the view; RGB-D: 42-87 degrees")
+    rate: Positive = parameter(20.0, "Hz", "reported", "pictures; detectors run at 10-30 Hz")
     latency: float = parameter(0.06, "s", "reported", "exposure to detections; 0.03-0.1 s reported")
-    reference: float = parameter(0.45, "m", "choice", "distance at which the errors hold")
+    reference: Positive = parameter(0.45, "m", "choice", "distance at which the errors hold")
     along: float = parameter(1.0, "1", "choice", "deviation along the sight over that across")
     least_position: float = parameter(0.001, "m", "guess", "least deviation, of a position above 0")
-    steady: float = parameter(0.3, "1", "guess", "of the variance, for a run: an unseen part")
+    steady: Part = parameter(0.3, "1", "guess", "of the variance, for a run: an unseen part")
     bias: float = parameter(0.0, "m", "choice", "along the line of sight; positive: too far")
-    hidden_from: float = parameter(0.0, "1", "choice", "hidden share: missed more often above it")
-    hidden_to: float = parameter(1.0, "1", "choice", "share from which it is as if wholly hidden")
-    missed_steadily: float = parameter(0.5, "1", "guess", "of misses: until the slot ends")
-    slot: float = parameter(0.5, "s", "guess", "how long a steady miss or a hidden stem lasts")
+    hidden_from: Part = parameter(0.0, "1", "choice", "hidden share: missed more often above it")
+    hidden_to: Part = parameter(1.0, "1", "choice", "share from which it is as if wholly hidden")
+    missed_steadily: Part = parameter(0.5, "1", "guess", "of misses: until the slot ends")
+    slot: Positive = parameter(0.5, "s", "guess", "how long a steady miss or a hidden stem lasts")
     false: float = parameter(0.0, "1", "choice", "mean count of false detections in a picture")
-    false_radius: float = parameter(0.015, "m", "choice", "of a false fruit: a small strawberry")
-    swapped: float = parameter(0.0, "1", "choice", "probability that two detections swap ids")
-    stem_seen: float = parameter(1.0, "1", "choice", "probability, held for a slot")
-    leaf: float = parameter(0.0, "1", "choice", "share of fruits with a leaf to the first picture")
-    leaf_size: float = parameter(1.3, "1", "guess", "radius over its fruit's; hangs two before it")
+    false_radius: Positive = parameter(0.015, "m", "choice", "of a false fruit: a small strawberry")
+    swapped: Part = parameter(0.0, "1", "choice", "probability that two detections swap ids")
+    stem_seen: Part = parameter(1.0, "1", "choice", "probability, held for a slot")
+    leaf: Part = parameter(0.0, "1", "choice", "share of fruits with a leaf to the first picture")
+    leaf_size: Positive = parameter(
+        1.3, "1", "guess", "radius over its fruit's; hangs two before it"
+    )
     camera_offset: float = parameter(0.0, "m", "choice", "deviation of its place an axis, in a run")
     camera_turn: float = parameter(0.0, "deg", "choice", "the same of its turn about each axis")
     told: bool = parameter(True, "", "choice", "whether covariances include camera errors")
@@ -61,19 +61,16 @@ class DetectorParameters(Noise):
     palm_below: float = parameter(0.03, "m", "choice", "camera in the palm, behind the rim")
     hand_aside: float = parameter(0.03, "m", "choice", "hand camera, beyond the mouth's radius")
     hand_below: float = parameter(0.06, "m", "choice", "of the hand camera, behind the rim")
-    aim: float = parameter(0.15, "m", "choice", "mid-view, on the tool axis before the rim")
+    aim: Positive = parameter(0.15, "m", "choice", "mid-view, on the tool axis before the rim")
     stand_away: float = parameter(0.40, "m", "choice", "standing camera to the target")
     stand_below: float = parameter(0.15, "m", "choice", "the same, behind or above the target")
 
     def __post_init__(self) -> None:
-        Checked.__post_init__(self)
-        require(self, "", self.mount in MOUNTS, "mount", "palm, hand or beside")
-        for name in SHARES:
-            require(self, "", getattr(self, name) <= 1.0, name, "at most 1")
-        for name in ABOVE_ZERO:
-            require(self, "", getattr(self, name) > 0.0, name, "above 0")
-        require(self, "", self.hidden_from < self.hidden_to, "hidden_from", "below hidden_to")
-        require(self, "", self.view <= math.pi, "view", "at most pi [rad]")
+        super().__post_init__()
+        if not self.hidden_from < self.hidden_to:
+            raise InvalidRequestError(
+                f"hidden_from is {self.hidden_from:g}: must be below hidden_to, {self.hidden_to:g}"
+            )
 
     def sigma(self, distance: float) -> float:
         """Standard deviation [m] of each coordinate at a ``distance`` [m], white and steady."""

@@ -8,11 +8,12 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, Parameter, parameter
 from optipromp.core.parameters import catalogue as listed
-from optipromp.core.planning.options import require
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.crops import Crop
+from optipromp.core.values import Count, Part, Positive
 
 STEM_FORCE = 2.0  # [N] that a stem bears by the definition of 0.3.0: a choice
 
@@ -44,8 +45,8 @@ class StemParameters(Checked):
     stretch: float = parameter(0.0, "1", "choice", "over F L / E A under a pull F; 0: none")
     bow_least: float = parameter(PUSH.beam.bow_least, "1", "guess", "of a straight stem's middle")
     bow_most: float = parameter(PUSH.beam.bow_most, "1", "guess", "drawn evenly between both")
-    segment_length: float = parameter(0.025, "m", "choice", "of one capsule of the chain")
-    least_segments: int = parameter(3, "1", "choice", "of the shortest stem")
+    segment_length: Positive = parameter(0.025, "m", "choice", "of one capsule of the chain")
+    least_segments: Count = parameter(3, "1", "choice", "of the shortest stem")
     most_segments: int = parameter(10, "1", "choice", "of the longest stem")
     armature: float = parameter(2e-6, "kg m^2", "choice", "of each joint; stems are stable without")
     friction: float = parameter(0.3, "1", "guess", "green stem on plastics")
@@ -87,10 +88,10 @@ class RobotParameters(Checked):
 class ControlParameters(Checked):
     """Speed of the execution and the joint controller (computed torque)."""
 
-    speed: float = parameter(1.0, "1", "choice", "of the trajectory's own; 0.5: twice the time")
+    speed: Positive = parameter(1.0, "1", "choice", "of the trajectory's own; 0.5: twice the time")
     frequency: float = parameter(40.0, "rad/s", "guess", "of the closed joint loop")
     damping_ratio: float = parameter(1.0, "1", "choice", "critically damped")
-    rate: float = parameter(1000.0, "Hz", "published", "of the Panda's control interface")
+    rate: Positive = parameter(1000.0, "Hz", "published", "of the Panda's control interface")
     hold: float = parameter(0.5, "s", "choice", "standing still at the end before judging")
 
 
@@ -98,7 +99,7 @@ class ControlParameters(Checked):
 class EngineParameters(Checked):
     """Settings of MuJoCo."""
 
-    timestep: float = parameter(0.001, "s", "choice", "of the integrator (discrete)")
+    timestep: Positive = parameter(0.001, "s", "choice", "of the integrator (discrete)")
     gravity: float = parameter(PUSH.beam.gravity, "m/s^2", "choice", "standard")
     settle: float = parameter(0.0, "s", "choice", "of simulation before the motion begins")
     iterations: int = parameter(30, "1", "choice", "most of the Newton solver a step")
@@ -109,12 +110,12 @@ class DisturbanceParameters(Checked):
     """Disturbances that the planner is not told of; by default there are none."""
 
     sway: float = parameter(0.0, "m", "choice", "bound, horizontal, of roots; wind: 10-30 mm")
-    sway_frequency: float = parameter(0.3, "Hz", "choice", "lowest: gutter or row as a whole")
+    sway_frequency: Positive = parameter(0.3, "Hz", "choice", "lowest: gutter or row as a whole")
     sway_fastest: float = parameter(1.6, "Hz", "choice", "highest: a fruit on 10 cm of stem")
-    sway_modes: int = parameter(3, "1", "choice", "harmonic motions that the sway is the sum of")
+    sway_modes: Count = parameter(3, "1", "choice", "harmonic motions that the sway is the sum of")
     # roots move alike (gutter), or with phases of their own (roots)
     sway_of: Literal["gutter", "roots"] = parameter("gutter", "", "choice", "what sways as one")
-    gust: float = parameter(0.0, "1", "choice", "share by which the amplitude falls and rises")
+    gust: Part = parameter(0.0, "1", "choice", "share by which the amplitude falls and rises")
     shift: float = parameter(0.0, "m", "choice", "horizontal, from the scene's fruits to the true")
     lower: float = parameter(0.0, "m", "choice", "likewise, downwards")
     jump: float = parameter(0.0, "m", "choice", "horizontal step of all roots during the run")
@@ -160,25 +161,16 @@ class SimulationParameters:
 
     def __post_init__(self) -> None:
         stem, d = self.stem, self.disturbance
-        bowed = 0.0 <= stem.bow_least <= stem.bow_most <= 0.2
-        most, fastest = stem.most_segments, d.sway_fastest
-        for group, name, ok, wanted in (
-            ("engine", "timestep", self.engine.timestep > 0, "above 0"),
-            ("control", "speed", self.control.speed > 0, "above 0"),
-            ("control", "rate", self.control.rate > 0, "above 0"),
-            ("stem", "segment_length", stem.segment_length > 0, "above 0"),
-            ("stem", "least_segments", stem.least_segments > 0, "above 0"),
-            ("stem", "most_segments", most >= stem.least_segments, "least_segments or more"),
-            ("stem", "bow_least", bowed, "in 0 <= bow_least <= bow_most <= 0.2"),
-            ("stem", "calyx", stem.calyx in ("rigid", "free"), "rigid or free"),
-            ("thing", "avoid_as", self.thing.avoid_as in ("soft", "fruits"), "soft or fruits"),
-            ("disturbance", "sway_frequency", d.sway_frequency > 0, "above 0"),
-            ("disturbance", "sway_modes", d.sway_modes > 0, "above 0"),
-            ("disturbance", "sway_fastest", fastest >= d.sway_frequency, "sway_frequency or more"),
-            ("disturbance", "gust", d.gust <= 1.0, "at most 1"),
-            ("disturbance", "sway_of", d.sway_of in ("gutter", "roots"), "gutter or roots"),
-        ):
-            require(getattr(self, group), f"{group}.", ok, name, wanted)
+        bowed = stem.bow_least <= stem.bow_most <= 0.2
+        for name, value, ok, wanted in (
+            ("stem.most_segments", stem.most_segments, stem.most_segments >= stem.least_segments,
+             "least_segments or more"),
+            ("stem.bow_least", stem.bow_least, bowed, "in 0 <= bow_least <= bow_most <= 0.2"),
+            ("disturbance.sway_fastest", d.sway_fastest, d.sway_fastest >= d.sway_frequency,
+             "sway_frequency or more"),
+        ):  # fmt: skip
+            if not ok:
+                raise InvalidRequestError(f"{name} is {value}: must be {wanted}")
 
 
 def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationParameters:

@@ -6,8 +6,11 @@ Wrong input raises one of these; a plan that fails is a returned value that carr
 
 import difflib
 import reprlib
-from collections.abc import Collection, Iterable
+import traceback
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
 from enum import StrEnum
+from pathlib import Path
 
 
 def installed_by(what: str) -> str:
@@ -72,6 +75,19 @@ class InvalidRequestError(OptiPrompError):
     """An argument or option that is not allowed."""
 
     code = Code.INVALID_REQUEST
+
+
+@contextmanager
+def others_code(what: str) -> Iterator[None]:
+    """Raise what the code of somebody else raises as InvalidRequestError, which begins ``what``."""
+    try:
+        yield
+    except OptiPrompError:
+        raise
+    except Exception as error:
+        last = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(last.filename).name}, line {last.lineno}"
+        raise InvalidRequestError(f"{what}: {type(error).__name__}: {error} ({where})") from error
 
 
 class InvalidPlanError(OptiPrompError):

@@ -12,11 +12,12 @@ metadata (:func:`catalogue` lists them):
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, is_dataclass
-from typing import Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
-import numpy as np
+from annotated_types import Ge, Unit
 
 from optipromp.core.errors import InvalidRequestError, unknown
+from optipromp.core.values import Validated
 
 GRAVITY = 9.81  # [m/s²]
 Kind = Literal["measured", "reported", "published", "guess", "choice"]
@@ -30,7 +31,7 @@ def parameter(default: Any, unit: str, kind: Kind, source: str) -> Any:
     return field(default=default, metadata=metadata)
 
 
-class Settings:
+class Settings(Validated):
     """Base of dataclasses that users make by keyword: an unknown name is refused as wrong input."""
 
     def __new__(cls, *_: object, **given: object) -> Self:
@@ -51,19 +52,15 @@ class Checked(Settings):
 
     signed: ClassVar[tuple[str, ...]] = ()
 
-    def __post_init__(self) -> None:
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if isinstance(value, bool) or not isinstance(value, int | float):
-                continue
-            unlimited = "or inf" in item.metadata.get("unit", "")
-            if not (np.isfinite(value) or (unlimited and value == np.inf)) or (
-                value < 0 and item.name not in self.signed
-            ):
-                raise InvalidRequestError(
-                    f"{type(self).__name__}.{item.name} is {value}; it must be finite and not "
-                    f"negative [{item.metadata.get('unit', '')}]"
-                )
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__(**({"label": f"{cls.__name__}."} | keywords))
+
+    @classmethod
+    def _limited(cls, name: str, hint: Any) -> Any:
+        """A number as one that is not negative, unless it is signed, with its unit."""
+        unit = cls.__dataclass_fields__[name].metadata.get("unit", "")
+        above = [Ge(0)] if hint in (int, float) and name not in cls.signed else []
+        return Annotated[hint, *above, Unit(unit)]
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.timing import stopped
 from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.values import Positive
 
 TIE = 1e-9  # [s] by which times that were added up may differ, chosen
 
@@ -37,20 +38,14 @@ class Guard(Checked):
     start: float = parameter(0.01, "rad or m", "choice", "largest distance of a joint at the begin")
     start_velocity: float = parameter(0.02, "rad/s or m/s", "choice", "the same of a velocity")
     tracking: float = parameter(0.1, "rad or m", "choice", "the same of a joint while it moves")
-    record: float = parameter(100.0, "Hz", "choice", "rate of the records and of ``watch``")
+    record: Positive = parameter(100.0, "Hz", "choice", "rate of the records and of ``watch``")
     # a late tick slows the reference
-    advance: float = parameter(0.02, "s", "choice", "largest advance of the reference at a tick")
+    advance: Positive = parameter(0.02, "s", "choice", "largest advance of the reference at a tick")
     late: float = parameter(0.1, "s", "choice", "between two ticks; after longer the motion ends")
     join: float = parameter(1e-4, "rad or m", "choice", "largest step where a curve takes over")
     join_velocity: float = parameter(1e-3, "rad/s or m/s", "choice", "the same of a velocity")
     join_acceleration: float = parameter(1e-2, "rad/s^2 or m/s^2", "choice", "of an acceleration")
     wait: float = parameter(10.0, "s", "choice", "longest wait for the first curve of a source")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("record", "advance"):
-            if getattr(self, name) <= 0.0:
-                raise InvalidRequestError(f"Guard.{name} is 0; it must be above 0")
 
 
 @dataclass(frozen=True, eq=False)

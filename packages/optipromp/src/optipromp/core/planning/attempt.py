@@ -7,7 +7,7 @@ import numpy as np
 
 from optipromp.core import judging
 from optipromp.core.budget import Budget, clock
-from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError, others_code
 from optipromp.core.planning import planners
 from optipromp.core.planning.options import PlanOptions
 from optipromp.core.planning.result import Answer, Failed, Plan, Planned, Proposal
@@ -36,7 +36,7 @@ def attempt(
     plan. The planner is not asked where the arm touches something at the start, breaks the path's
     constraints there, or rests at the goal.
     """
-    began = clock()
+    began, theirs = clock(), others_code(f"planner {planners.label(planner)} failed")
     budget = Budget(late, np.inf if options.effort is None else options.effort, say)
     stay = _stay(task)
     touching = judging.touching(task.scene, task.robot, task.start, begun=task.underway.begun)
@@ -52,10 +52,11 @@ def attempt(
         told = f"{'; '.join(map(str, astray))}: choose a start that keeps the path, or widen it"
         answer = Failed(Code.START_INVALID, f"at the start {told}")
     elif not there:
-        answer = planner.solve(task, budget)
+        answer = theirs(planner.solve)(task, budget)
     finish = functools.partial(_finished, task, planner, budget, began, stay)
     if isinstance(answer, Proposal):
-        return Proposal(answer.rank, lambda: finish(answer.made()))
+        made = theirs(answer.made)
+        return Proposal(answer.rank, lambda: finish(made()))
     return finish(answer)
 
 

@@ -1,88 +1,29 @@
 """The settings of plans and of planners (method §5)."""
 
-import functools
-import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from inspect import signature
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any
 
-import numpy as np
+from annotated_types import Ge, Gt, Le, Lt, Unit
 
-from optipromp.core.errors import InvalidRequestError, short, suggest, unknown
+from optipromp.core.errors import InvalidRequestError, unknown
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.parameters import Settings
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import DriftRule
+from optipromp.core.values import NotNegative
 
-
-def _fits(value: object, hint: Any) -> bool:
-    """Whether a value has the type ``hint``; a whole number is a float, a bool is no number."""
-    kind, of = get_origin(hint), get_args(hint)
-    if kind is UnionType or kind is Union:
-        return any(_fits(value, one) for one in of)
-    if kind is Literal:
-        return isinstance(value, str) and value in of
-    if kind is Mapping:
-        return isinstance(value, Mapping) and all(
-            _fits(key, of[0]) and _fits(item, of[1]) for key, item in value.items()
-        )
-    if kind is tuple:
-        return isinstance(value, tuple | list) and all(_fits(item, of[0]) for item in value)
-    if hint in (int, float):
-        if isinstance(value, bool) or not isinstance(value, int | float | np.number):
-            return False
-        return hint is float or isinstance(value, int | np.integer)
-    return isinstance(value, kind or hint)
-
-
-def check_types(options: object, prefix: str) -> None:
-    """Refuse settings of a wrong type, and infinite numbers other than the timeout."""
-    kind: Any = type(options)
-    for name, hint in _hints(kind).items():
-        value: Any = getattr(options, name)
-        if not _fits(value, hint):
-            wanted = str(hint).replace("typing.", "") if get_origin(hint) else hint.__name__
-            literals = (one for one in (hint, *get_args(hint)) if get_origin(one) is Literal)
-            words = [word for one in literals for word in get_args(one)]
-            if words and isinstance(value, str):
-                told = f"it must be one of these: {suggest(value, words)}"
-                raise InvalidRequestError(f"{prefix}{name} is {value}; {told}")
-            require(options, prefix, False, name, f"of type {wanted}")
-        for number in numbers(value):
-            if _fits(number, float) and not abs(number) < _LARGEST_SETTING:
-                require(options, prefix, name == "timeout" and number == math.inf, name, "finite")
-
-
-def numbers(value: Any) -> Iterable[Any]:
-    """The values of a setting that is a mapping or a sequence, or else the setting itself."""
-    if isinstance(value, Mapping):
-        return value.values()
-    return value if isinstance(value, tuple | list) else (value,)
-
-
-_LARGEST_SETTING = 1e9  # in the setting's unit: a choice
 _LEAST = 1e-6  # [rad, m or m/s] least step or speed: 20,000 such steps are 0.02 rad
 _MOST_WAYPOINTS = 20_000  # the solver keeps 20 KB for each waypoint
 
-
-@functools.cache
-def _hints(kind: Any) -> dict[str, Any]:
-    """The types of the fields of a class."""
-    hints = get_type_hints(kind)
-    return {item.name: hints[item.name] for item in fields(kind)}
-
-
-def require(options: object, prefix: str, ok: bool, name: str, wanted: str) -> None:
-    """Refuse the setting ``name`` of ``options`` where it is not ``ok``."""
-    if not ok:
-        value = short(getattr(options, name)).strip("'")
-        raise InvalidRequestError(f"{prefix}{name} is {value}; it must be {wanted}")
+Metres = Annotated[float, Ge(0.0), Unit("m")]
+Share = Annotated[float, Ge(_LEAST), Le(1.0)]
+Phase = Annotated[float, Gt(0.0), Lt(1.0)]
 
 
 @dataclass(frozen=True)
-class Timed(Settings):
+class Timed(Settings, largest=1e9):
     """Settings of the motion of every planner of the core.
 
     Attributes:
@@ -100,30 +41,18 @@ class Timed(Settings):
         corridor: largest distance of the tool from its path, along each axis [m].
     """
 
-    waypoints: int | None = None
-    duration: float | None = None
-    approach_speed: float | None = None
-    velocity_scaling: float = 1.0
-    acceleration_scaling: float = 1.0
+    waypoints: Annotated[int | None, Ge(3), Le(_MOST_WAYPOINTS)] = None
+    duration: Annotated[float | None, Gt(0.0), Unit("s")] = None
+    approach_speed: Annotated[float | None, Ge(_LEAST), Unit("m/s")] = None
+    velocity_scaling: Share = 1.0
+    acceleration_scaling: Share = 1.0
     unhurried: bool = False
-    corridor: float = 0.002
+    corridor: Metres = 0.002
 
     @property
     def timed(self) -> bool:
         """Whether a duration or a speed is set, so that the tool may be too fast among fruits."""
         return self.duration is not None or self.approach_speed is not None
-
-    def __post_init__(self) -> None:
-        need = functools.partial(require, self, "")
-        check_types(self, "")
-        count, speed = self.waypoints, self.approach_speed
-        fits = count is None or 3 <= count <= _MOST_WAYPOINTS
-        need(fits, "waypoints", f"a whole number >= 3, at most {_MOST_WAYPOINTS}")
-        need(self.duration is None or self.duration > 0, "duration", "positive [s]")
-        need(speed is None or speed >= _LEAST, "approach_speed", f"at least {_LEAST:g} [m/s]")
-        need(self.corridor >= 0, "corridor", "not negative")
-        for name in ("velocity_scaling", "acceleration_scaling"):
-            need(_LEAST <= getattr(self, name) <= 1.0, name, "above 0 and at most 1")
 
 
 @dataclass(frozen=True)
@@ -142,24 +71,14 @@ class Optimised(Timed):
         costs: user's costs, minimised with the others.
     """
 
-    max_step: float = 0.045
-    smoothness: float = 2e-6
-    static_clearance: float = 0.012
-    avoid_clearance: float = 0.005
-    self_clearance: float = 0.005
-    limit_margin: float = 0.01
-    iterations: int | None = None
+    max_step: Annotated[float, Ge(_LEAST), Unit("rad or m")] = 0.045
+    smoothness: NotNegative = 2e-6
+    static_clearance: Metres = 0.012
+    avoid_clearance: Metres = 0.005
+    self_clearance: Metres = 0.005
+    limit_margin: Annotated[float, Ge(0.0), Unit("rad or m")] = 0.01
+    iterations: Annotated[int | None, Ge(0)] = None
     costs: tuple[Cost, ...] = ()
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        need, steps = functools.partial(require, self, ""), self.iterations
-        need(self.max_step >= _LEAST, "max_step", f"at least {_LEAST:g} [rad or m]")
-        for name in (
-            "smoothness", "static_clearance", "avoid_clearance", "self_clearance", "limit_margin",
-        ):  # fmt: skip
-            need(getattr(self, name) >= 0, name, "not negative")
-        need(steps is None or steps >= 0, "iterations", "a whole number >= 0")
 
 
 @dataclass(frozen=True)
@@ -194,16 +113,9 @@ class PlanOptions(Searched):
             predicted harm of a success; a smaller risk refuses more plans.
     """
 
-    timeout: float = 60.0
-    effort: int | None = None
-    risk: float = PUSH.harm.risk
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        need, most = functools.partial(require, self, ""), self.effort
-        need(self.timeout > 0, "timeout", "positive [s]")
-        need(0.0 < self.risk < 1.0, "risk", "between 0 and 1")
-        need(most is None or most > 0, "effort", "a whole number > 0")
+    timeout: Annotated[float, Gt(0.0), Unit("s or inf")] = 60.0
+    effort: Annotated[int | None, Gt(0)] = None
+    risk: Annotated[float, Gt(0.0), Lt(1.0)] = PUSH.harm.risk
 
 
 DEFAULTS = PlanOptions()

@@ -14,17 +14,18 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib import metadata
-from typing import Any, ClassVar, Protocol, runtime_checkable
+from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
 
 import numpy as np
+from annotated_types import Ge, Unit
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
-from optipromp.core.errors import Code, InvalidRequestError, suggest, unknown
+from optipromp.core.errors import Code, InvalidRequestError, others_code, suggest, unknown
 from optipromp.core.planning import goals, primitive
 from optipromp.core.planning.follow import keeps_path
 from optipromp.core.planning.lines import along_lines
-from optipromp.core.planning.options import PlanOptions, Searched, Timed, require
+from optipromp.core.planning.options import Metres, Phase, PlanOptions, Searched, Timed
 from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
 from optipromp.core.planning.pick import pick
 from optipromp.core.planning.primitive import learnt
@@ -35,6 +36,7 @@ from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.path import ToolPath
 from optipromp.core.pushing.rules import detection_variance, pushes
 from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.core.values import fitted
 
 GROUP = "optipromp.planners"
 WAY = "path", "waypoints"  # what a scene may say of the whole way to its goal
@@ -85,14 +87,9 @@ def _joined() -> dict[str, metadata.EntryPoint]:
 
 
 def _load(entry: metadata.EntryPoint) -> Factory:
-    try:
+    where = f"{entry.dist.name}: " if entry.dist is not None else ""
+    with others_code(f"planner {entry.name!r} cannot be loaded: {where}{entry.value}"):
         factory = entry.load()
-    except Exception as error:  # another package's code
-        where = f"{entry.dist.name}: " if entry.dist is not None else ""
-        raise InvalidRequestError(
-            f"planner {entry.name!r} cannot be loaded: {where}{entry.value}: "
-            f"{type(error).__name__}: {error}"
-        ) from error
     if not callable(factory):
         raise InvalidRequestError(
             f"planner {entry.name!r} is {entry.value}: must be a class or a function that makes one"
@@ -143,7 +140,10 @@ def make(name: str, **settings: Any) -> Planner:
         if setting not in settings_of(kind):
             valid = unknown(setting, settings_of(kind) or ["none"])
             raise InvalidRequestError(f"{setting} is no setting of {name}; {valid}")
-    return kind(**settings)
+    if isinstance(kind, type) and is_dataclass(kind):
+        settings = fitted(kind, settings)
+    with others_code(f"planner {name!r} cannot be made"):
+        return kind(**settings)
 
 
 def check_way(planner: Planner, scene: Scene) -> None:
@@ -240,17 +240,11 @@ class ConditionedProMP(Timed):
         via_deviation: standard deviation with which the ProMP is held to a point [m].
     """
 
-    camera_phase: float | None = None
+    camera_phase: Phase | None = None
     camera_point: bool | None = None
-    via_deviation: float = 1e-3
+    via_deviation: Metres = 1e-3
     name: ClassVar[str] = "promp"
     ignores: ClassVar[tuple[str, ...]] = WAY
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        phase = self.camera_phase
-        require(self, "", phase is None or 0.0 < phase < 1.0, "camera_phase", "between 0 and 1")
-        require(self, "", self.via_deviation >= 0, "via_deviation", "not negative [m]")
 
     def solve(self, task: Task, budget: Budget) -> Answer:
         promp = learnt(task, task.demonstrations)
@@ -312,14 +306,9 @@ class IProMP(ConditionedProMP):
             under each neighbour and under its pushed pose.
     """
 
-    direction_deviation: float = 0.0
+    direction_deviation: Annotated[float, Ge(0.0), Unit("rad")] = 0.0
     guard: bool = False
     name: ClassVar[str] = "i-promp"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        deviation = self.direction_deviation
-        require(self, "", deviation >= 0, "direction_deviation", "not negative [rad]")
 
     def through_camera(self, task: Task) -> bool:
         """True: the pushes begin there."""

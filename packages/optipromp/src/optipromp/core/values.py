@@ -1,0 +1,273 @@
+"""How values are checked: limits stand beside a field, and one translator tells what is wrong.
+
+A class that derives from :class:`Validated` states in the annotation of a field what it may be::
+
+    speed: Annotated[float | None, Gt(0.0), Unit("m/s")] = None
+    points: Annotated[FloatArray, Array(None, 3)]
+
+Limits and units are those of ``annotated_types``; pydantic checks them. Numbers are finite unless
+their unit says ``or inf``. A bool is no number, nor is a text; a whole number is a float.
+"""
+
+import functools
+import operator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import fields
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt, Unit
+from numpy.typing import ArrayLike
+from pydantic import AfterValidator, AllowInfNan, InstanceOf, TypeAdapter
+from pydantic import ValidationError as ValidationError
+from pydantic.errors import PydanticSchemaGenerationError
+from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator, core_schema
+
+from optipromp.core.arrays import FloatArray, all_finite, frozen
+from optipromp.core.errors import (
+    InvalidRequestError,
+    OptiPrompError,
+    is_name,
+    no_name,
+    short,
+    suggest,
+)
+
+_HOLDING: tuple[Any, ...] = tuple, Mapping, dict
+NO_LIMIT = "or inf"  # in the unit of a number that may be infinite
+
+
+def refuse(what: str, at: str = "") -> PydanticCustomError:
+    """The refusal of a value by a validator, in words that follow its name and ``at``."""
+    return PydanticCustomError("refused", "{at} {what}", {"at": at, "what": what})
+
+
+class Array:
+    """In an annotation: a read-only array of finite numbers, of a shape (None: any size).
+
+    ``most``: largest size of a number.
+    """
+
+    def __init__(self, *shape: int | None, most: float = np.inf) -> None:
+        self.shape, self.most = shape, most
+
+    def read(self, values: ArrayLike) -> FloatArray:
+        """The ``values`` as such an array, or else :func:`refuse`."""
+        try:
+            array = frozen(values)
+        except (TypeError, ValueError, OverflowError):
+            raise refuse(f"is {values!r:.60}: must be finite numbers") from None
+        fits = [want in (None, have) for want, have in zip(self.shape, array.shape, strict=False)]
+        if array.ndim != len(self.shape) or not all(fits):
+            wanted = ", ".join("n" if size is None else str(size) for size in self.shape)
+            wanted += "," if len(self.shape) == 1 else ""
+            raise refuse(f"has shape {array.shape}: must be ({wanted})")
+        within = np.abs(array) <= self.most if self.most < np.inf else None
+        if not (all_finite(array) if within is None else within.all()):
+            at = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= self.most))[0])
+            wanted = f"at most {self.most:g}" if np.isfinite(array[at]) else "finite"
+            raise refuse(f"is {array[at]}: must be {wanted}", "".join(f"[{i}]" for i in at))
+        return array
+
+    def __get_pydantic_core_schema__(self, *_: object) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.read)
+
+
+def array(
+    name: str, values: ArrayLike, *shape: int | None, most: float = np.inf,
+    error: type[OptiPrompError] = InvalidRequestError,
+) -> FloatArray:  # fmt: skip
+    """``values`` as an :class:`Array`; ``name`` begins the ``error``."""
+    try:
+        return Array(*shape, most=most).read(values)
+    except PydanticCustomError as cause:
+        raise error(f"{name}{cause.message()}") from None
+
+
+def _named(text: str) -> str:
+    if not is_name(text):
+        raise refuse(f"is {no_name(text)}")
+    return text
+
+
+Name = Annotated[str, AfterValidator(_named)]
+Positive = Annotated[float, Gt(0.0)]
+NotNegative = Annotated[float, Ge(0.0)]
+Part = Annotated[float, Ge(0.0), Le(1.0)]
+Count = Annotated[int, Gt(0)]
+
+
+class Validated:
+    """Base of dataclasses whose fields are checked, and replaced by what they are taken for.
+
+    Keywords of a class, which its subclasses inherit: ``error``, the type of the error of a
+    refusal; ``label``, what stands before the name of a field in it; ``largest``, the largest size
+    of a number whose annotation states no narrower limit.
+    """
+
+    _error: ClassVar[type[OptiPrompError]] = InvalidRequestError
+    _label: ClassVar[str] = ""
+    _largest: ClassVar[float] = np.inf
+
+    def __init_subclass__(cls, **keywords: Any) -> None:
+        for name, value in keywords.items():
+            setattr(cls, f"_{name}", value)
+
+    def __post_init__(self) -> None:
+        """Check the fields. Raises an ``error`` that names field, value, and what is right."""
+        kind = type(self)
+        vars(self).update(fitted(kind, vars(self), kind._error, kind._label))
+
+    @classmethod
+    def _limited(cls, name: str, hint: Any) -> Any:
+        """The annotation of a field with the limits that its class sets; by default none."""
+        return hint
+
+
+def fitted(
+    kind: type, given: dict[str, Any], error: type[OptiPrompError] = InvalidRequestError,
+    label: str = "",
+) -> dict[str, Any]:  # fmt: skip
+    """The values of some fields of a dataclass, by name, as the annotations of the fields say.
+
+    Raises the ``error`` for a value that does not fit; see :class:`Validated`.
+    """
+    validator, hints = _validator(kind)
+    try:
+        return dict(validator.validate_python(given))
+    except ValidationError:
+        given = {name: _plain(value) for name, value in given.items()}
+    try:
+        return dict(validator.validate_python(given))
+    except ValidationError as cause:
+        found = cause.errors(include_url=False)
+        name = str(found[0]["loc"][0])
+        alike = [one for one in found if one["loc"][0] == name]
+        raise error(label + _told(alike, given, hints[name])) from None
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy number as one of Python, and a list as a tuple."""
+    if isinstance(value, np.generic):
+        return value.item()
+    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
+
+
+@functools.cache
+def _validator(kind: type) -> tuple[SchemaValidator, Mapping[str, Any]]:
+    """The validator of values by the fields of a class, and the annotations of these."""
+    hints, most = _hints(kind), np.inf
+    if issubclass(kind, Validated):
+        hints = {name: kind._limited(name, hint) for name, hint in hints.items()}
+        most = kind._largest
+    form = {
+        name: core_schema.typed_dict_field(_schema(_checked(hint, most)), required=False)
+        for name, hint in hints.items()
+    }
+    config = core_schema.CoreConfig(strict=True, allow_inf_nan=False)
+    return SchemaValidator(core_schema.typed_dict_schema(form, config=config)), hints
+
+
+def _hints(kind: Any) -> dict[str, Any]:
+    """The annotations of the fields of a class; none where they name types that are not known."""
+    try:
+        hints = get_type_hints(kind, include_extras=True)
+    except NameError:
+        return {}
+    return {item.name: hints[item.name] for item in fields(kind)}
+
+
+def _schema(hint: Any) -> core_schema.CoreSchema:
+    """What pydantic checks of a type: nothing of one that it does not know."""
+    try:
+        return TypeAdapter(hint).core_schema
+    except PydanticSchemaGenerationError:
+        return core_schema.any_schema()
+
+
+def _checked(hint: Any, most: float) -> Any:
+    """A type as pydantic is to check it, numbers to ``most``: of an object, its class alone."""
+    kind, args = get_origin(hint), get_args(hint)
+    if kind is Annotated:
+        free = any(isinstance(one, Unit) and NO_LIMIT in one.unit for one in args[1:])
+        inner = _checked(args[0], np.inf if free else most)
+        return Annotated[(inner, *args[1:], *[AllowInfNan(True)] * free)]
+    if kind in (UnionType, Union):
+        return functools.reduce(operator.or_, (_checked(one, most) for one in args))
+    if kind in _HOLDING:
+        return kind[tuple(one if one is ... else _checked(one, most) for one in args)]
+    if hint in (int, float):
+        return Annotated[hint, Ge(-most), Le(most)] if most < np.inf else hint
+    plain = hint in (bool, str, object, type(None)) or kind is not None
+    return hint if plain or not isinstance(hint, type) else InstanceOf[hint]
+
+
+def notes(hint: Any) -> Iterator[Any]:
+    """The metadata of an annotation, also of the parts of a union."""
+    if get_origin(hint) is Annotated:
+        yield from hint.__metadata__
+    if get_origin(hint) in (Annotated, UnionType, Union):
+        for one in get_args(hint):
+            yield from notes(one)
+
+
+def _told(found: Sequence[ErrorDetails], given: Any, hint: Any) -> str:
+    """What is wrong with a value of a field, in words."""
+    error, value, path = found[0], given, ""
+    for step in error["loc"]:  # of a union, it has names of types too
+        if isinstance(value, Mapping) and step in value:
+            path += f".{step}" if path else str(step)
+        elif isinstance(value, tuple) and isinstance(step, int) and step < len(value):
+            path += f"[{step}]"
+        else:
+            continue
+        value = value[step]
+    if error["type"] == "refused":
+        return f"{path}{error['msg']}"
+    if error["type"] in ("missing", "too_long"):  # of a tuple of so many
+        context = error.get("ctx", {"max_length": int(found[-1]["loc"][-1]) + 1})
+        return f"{path} has {len(value)} entries: must have {context['max_length']}"
+    told = list(notes(hint))
+    unit = next((one.unit for one in told if isinstance(one, Unit)), "")
+    wanted = dict.fromkeys(wrong(one, value, told).removeprefix(_MUST) for one in found)
+    must = "" if found[0]["type"] == "literal_error" else _MUST
+    return f"{path} is {short(value)}: {must}{' or '.join(wanted)}{f' [{unit}]' if unit.strip('1') else ''}"
+
+
+_MUST = "must be "
+_KINDS = {
+    "finite_number": "finite",
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "bool_type": "true or false",
+    "string_type": "text",
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "a mapping",
+    "mapping_type": "a mapping",
+}
+_LIMITS: dict[type, tuple[str, str, str]] = {
+    Gt: ("above", "greater_than", "gt"),
+    Ge: ("at least", "greater_than_equal", "ge"),
+    Lt: ("below", "less_than", "lt"),
+    Le: ("at most", "less_than_equal", "le"),
+}
+
+
+def wrong(error: ErrorDetails, value: Any, told: Sequence[Any] = ()) -> str:
+    """What must be in the place of a ``value``, in words; ``told``: the metadata of its type."""
+    kind, context = error["type"], error.get("ctx", {})
+    limits = {words: getattr(one, key) for one in told for limit, (words, _, key) in
+              _LIMITS.items() if isinstance(one, limit)}  # fmt: skip
+    for words, name, key in _LIMITS.values():
+        if kind == name:
+            limits.setdefault(words, context[key])
+    if kind == "literal_error":
+        names = str(context["expected"]).replace(" or ", ", ").split(",")
+        return suggest(value, [name.strip().strip("'") for name in names])
+    if kind == "is_instance_of":
+        return f"must be a {context['class']}"
+    if kind.startswith(("greater", "less")):
+        return "must be " + " and ".join(f"{word} {limit:g}" for word, limit in limits.items())
+    return f"must be {_KINDS[kind]}" if kind in _KINDS else str(error["msg"])
