@@ -31,7 +31,7 @@ def test_perceived_moves_what_is_detected_and_nothing_else() -> None:
         for name in ("position", "angle", "missed", "hidden"):
             with pytest.raises(InvalidRequestError, match=f"noise_{name}"):
                 Noise(**{name: bad})
-    with pytest.raises(InvalidRequestError, match="at most 1"):
+    with pytest.raises(InvalidRequestError, match="0 to 1"):
         Noise(missed=1.5)
 
 

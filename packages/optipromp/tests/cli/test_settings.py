@@ -78,7 +78,7 @@ def test_settings_add_up_and_the_last_of_a_key_counts() -> None:
         ("max_step=[", r"--set max_step=\[: cannot read"),
         ("max_step=-1", r"max_step is -1: must be at least 1e-06 \[rad or m\]"),
         ("max_step=fast", r"max_step is 'fast': must be a number \[rad or m\]"),
-        ("waypoints=2", r"waypoints is 2: must be at least 3 and at most 20000"),
+        ("waypoints=2", r"waypoints is 2: must be 3 to 20000"),
     ],
 )
 def test_what_is_wrong_is_said(pair: str, message: str) -> None:

@@ -261,7 +261,7 @@ def test_a_stem_by_direction_and_length() -> None:
     assert (stem.radius, stem.length) == (0.002, pytest.approx(0.2))
     with pytest.raises(InvalidSceneError, match=r"stem.direction is \[0.0, 0.0, 0.0\]"):
         Stem.along([0, 0, 0], [0, 0, 0], 0.2)
-    with pytest.raises(InvalidSceneError, match=r"stem.length is -1: must be above 0"):
+    with pytest.raises(InvalidSceneError, match=r"stem.length is -1.0: must be above 0"):
         Stem.along([0, 0, 0], [0, 0, 1], -1.0)
 
 
@@ -283,7 +283,7 @@ def test_python_says_what_the_file_says() -> None:
         Pose(at, [2.0, 0.0, 0.0, 0.0])
     with pytest.raises(InvalidSceneError, match="covariance and sigma"):
         SceneObject("a", "avoid", Sphere(0.1), at, covariance=np.eye(3), sigma=0.1)
-    with pytest.raises(InvalidSceneError, match="sigma is -1: must be 0 to 10"):
+    with pytest.raises(InvalidSceneError, match=r"sigma is -1\.0: must be 0 to 10"):
         SceneObject("a", "avoid", Sphere(0.1), at, sigma=-1.0)
 
 

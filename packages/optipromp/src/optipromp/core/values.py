@@ -11,7 +11,7 @@ their unit says ``or inf``. A bool is no number, nor is a text; a whole number i
 
 import functools
 import operator
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from types import UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
@@ -19,7 +19,7 @@ from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_ty
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, Unit
 from numpy.typing import ArrayLike
-from pydantic import AfterValidator, AllowInfNan, InstanceOf, TypeAdapter
+from pydantic import AfterValidator, AllowInfNan, TypeAdapter
 from pydantic import ValidationError as ValidationError
 from pydantic.errors import PydanticSchemaGenerationError
 from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator, core_schema
@@ -58,8 +58,7 @@ class Array:
             array = frozen(values)
         except (TypeError, ValueError, OverflowError):
             raise refuse(f"is {values!r:.60}: must be finite numbers") from None
-        fits = [want in (None, have) for want, have in zip(self.shape, array.shape, strict=False)]
-        if array.ndim != len(self.shape) or not all(fits):
+        if array.shape != self.shape and not self._fits(array.shape):
             wanted = ", ".join("n" if size is None else str(size) for size in self.shape)
             wanted += "," if len(self.shape) == 1 else ""
             raise refuse(f"has shape {array.shape}: must be ({wanted})")
@@ -70,6 +69,10 @@ class Array:
             raise refuse(f"is {array[at]}: must be {wanted}", "".join(f"[{i}]" for i in at))
         return array
 
+    def _fits(self, shape: tuple[int, ...]) -> bool:
+        sizes = zip(self.shape, shape, strict=False)
+        return len(shape) == len(self.shape) and all(want in (None, have) for want, have in sizes)
+
     def __get_pydantic_core_schema__(self, *_: object) -> core_schema.CoreSchema:
         return core_schema.no_info_plain_validator_function(self.read)
 
@@ -79,8 +82,16 @@ def array(
     error: type[OptiPrompError] = InvalidRequestError,
 ) -> FloatArray:  # fmt: skip
     """``values`` as an :class:`Array`; ``name`` begins the ``error``."""
+    return read_by(Array(*shape, most=most).read, name, values, error)
+
+
+def read_by(
+    read: Callable[[ArrayLike], FloatArray], name: str, values: ArrayLike,
+    error: type[OptiPrompError],
+) -> FloatArray:  # fmt: skip
+    """What a validator makes of ``values``; ``name`` begins the ``error``."""
     try:
-        return Array(*shape, most=most).read(values)
+        return read(values)
     except PydanticCustomError as cause:
         raise error(f"{name}{cause.message()}") from None
 
@@ -114,10 +125,11 @@ class Validated:
         for name, value in keywords.items():
             setattr(cls, f"_{name}", value)
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, label: str | None = None) -> None:
         """Check the fields. Raises an ``error`` that names field, value, and what is right."""
-        kind = type(self)
-        vars(self).update(fitted(kind, vars(self), kind._error, kind._label))
+        kind: type = type(self)
+        label = self._label if label is None else label
+        vars(self).update(_form_of(kind).read(vars(self), self._error, label))
 
     @classmethod
     def _limited(cls, name: str, hint: Any) -> Any:
@@ -125,51 +137,72 @@ class Validated:
         return hint
 
 
-def fitted(
-    kind: type, given: dict[str, Any], error: type[OptiPrompError] = InvalidRequestError,
-    label: str = "",
-) -> dict[str, Any]:  # fmt: skip
-    """The values of some fields of a dataclass, by name, as the annotations of the fields say.
-
-    Raises the ``error`` for a value that does not fit; see :class:`Validated`.
-    """
-    validator, hints = _validator(kind)
-    try:
-        return dict(validator.validate_python(given))
-    except ValidationError:
-        given = {name: _plain(value) for name, value in given.items()}
-    try:
-        return dict(validator.validate_python(given))
-    except ValidationError as cause:
-        found = cause.errors(include_url=False)
-        name = str(found[0]["loc"][0])
-        alike = [one for one in found if one["loc"][0] == name]
-        raise error(label + _told(alike, given, hints[name])) from None
+def fitted(kind: type, given: dict[str, Any]) -> dict[str, Any]:
+    """Values of fields of any dataclass, by name, as the annotations of the fields say."""
+    return _form_of(kind).read(given, InvalidRequestError, "")
 
 
-def _plain(value: Any) -> Any:
-    """A NumPy number as one of Python, and a list as a tuple."""
-    if isinstance(value, np.generic):
-        return value.item()
-    return tuple(map(_plain, value)) if isinstance(value, list | tuple) else value
+def value(
+    name: str, given: Any, hint: Any, error: type[OptiPrompError] = InvalidRequestError
+) -> Any:
+    """A value as an annotation ``hint`` says; ``name`` begins the ``error``."""
+    return _form_of_value(hint).read({"": given}, error, name)[""]
+
+
+class _Form:
+    """Names and annotations of values, and what checks them."""
+
+    def __init__(self, hints: Mapping[str, Any], largest: float = np.inf) -> None:
+        form = {
+            name: core_schema.typed_dict_field(_schema(_checked(hint, largest)), required=False)
+            for name, hint in hints.items()
+        }
+        config = core_schema.CoreConfig(strict=True, allow_inf_nan=False)
+        self.hints = hints
+        self.validator = SchemaValidator(core_schema.typed_dict_schema(form, config=config))
+
+    def read(
+        self, given: dict[str, Any], error: type[OptiPrompError], label: str
+    ) -> dict[str, Any]:
+        """The values of some names as their annotations say; else the ``error``."""
+        try:
+            read: dict[str, Any] = self.validator.validate_python(given)
+            return read
+        except ValidationError:
+            given = {name: _plain(one) for name, one in given.items()}
+        try:
+            read = self.validator.validate_python(given)
+        except ValidationError as cause:
+            found = cause.errors(include_url=False)
+            name = str(found[0]["loc"][0])
+            alike = [one for one in found if one["loc"][0] == name]
+            raise error(label + _told(alike, given, self.hints[name])) from None
+        return read
 
 
 @functools.cache
-def _validator(kind: type) -> tuple[SchemaValidator, Mapping[str, Any]]:
-    """The validator of values by the fields of a class, and the annotations of these."""
-    hints, most = _hints(kind), np.inf
-    if issubclass(kind, Validated):
-        hints = {name: kind._limited(name, hint) for name, hint in hints.items()}
-        most = kind._largest
-    form = {
-        name: core_schema.typed_dict_field(_schema(_checked(hint, most)), required=False)
-        for name, hint in hints.items()
-    }
-    config = core_schema.CoreConfig(strict=True, allow_inf_nan=False)
-    return SchemaValidator(core_schema.typed_dict_schema(form, config=config)), hints
+def _form_of(kind: type) -> _Form:
+    hints = hints_of(kind)
+    if not issubclass(kind, Validated):
+        return _Form(hints)
+    hints = {name: kind._limited(name, hint) for name, hint in hints.items()}
+    return _Form(hints, kind._largest)
 
 
-def _hints(kind: Any) -> dict[str, Any]:
+@functools.cache
+def _form_of_value(hint: Any) -> _Form:
+    return _Form({"": hint})
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy number as one of Python, and a list, an array or an iterator as a tuple."""
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    return tuple(map(_plain, value)) if isinstance(value, list | tuple | Iterator) else value
+
+
+@functools.cache
+def hints_of(kind: Any) -> dict[str, Any]:
     """The annotations of the fields of a class; none where they name types that are not known."""
     try:
         hints = get_type_hints(kind, include_extras=True)
@@ -199,8 +232,18 @@ def _checked(hint: Any, most: float) -> Any:
         return kind[tuple(one if one is ... else _checked(one, most) for one in args)]
     if hint in (int, float):
         return Annotated[hint, Ge(-most), Le(most)] if most < np.inf else hint
-    plain = hint in (bool, str, object, type(None)) or kind is not None
-    return hint if plain or not isinstance(hint, type) else InstanceOf[hint]
+    plain = hint in (bool, str, object, Any, type(None)) or kind is not None
+    return hint if plain or not isinstance(hint, type) else Annotated[hint, _Instance(hint)]
+
+
+class _Instance:
+    """In an annotation: an object of a class, whose fields are not looked at."""
+
+    def __init__(self, kind: type) -> None:
+        self.kind = kind
+
+    def __get_pydantic_core_schema__(self, *_: object) -> core_schema.CoreSchema:
+        return core_schema.is_instance_schema(self.kind)
 
 
 def notes(hint: Any) -> Iterator[Any]:
@@ -223,16 +266,19 @@ def _told(found: Sequence[ErrorDetails], given: Any, hint: Any) -> str:
         else:
             continue
         value = value[step]
+    *_, key, last = ("", *error["loc"])
+    if last == "[key]":
+        path = f"{path.removesuffix(f'.{key}')} {key!r}"
     if error["type"] == "refused":
         return f"{path}{error['msg']}"
     if error["type"] in ("missing", "too_long"):  # of a tuple of so many
         context = error.get("ctx", {"max_length": int(found[-1]["loc"][-1]) + 1})
         return f"{path} has {len(value)} entries: must have {context['max_length']}"
     told = list(notes(hint))
-    unit = next((one.unit for one in told if isinstance(one, Unit)), "")
+    unit = next((f" [{one.unit}]" for one in told if isinstance(one, Unit) and one.unit != "1"), "")
     wanted = dict.fromkeys(wrong(one, value, told).removeprefix(_MUST) for one in found)
     must = "" if found[0]["type"] == "literal_error" else _MUST
-    return f"{path} is {short(value)}: {must}{' or '.join(wanted)}{f' [{unit}]' if unit.strip('1') else ''}"
+    return f"{path} is {short(value)}: {must}{' or '.join(wanted)}{unit}"
 
 
 _MUST = "must be "
@@ -268,6 +314,8 @@ def wrong(error: ErrorDetails, value: Any, told: Sequence[Any] = ()) -> str:
         return suggest(value, [name.strip().strip("'") for name in names])
     if kind == "is_instance_of":
         return f"must be a {context['class']}"
+    if kind.startswith(("greater", "less")) and limits.keys() == {"at least", "at most"}:
+        return f"must be {limits['at least']:g} to {limits['at most']:g}"
     if kind.startswith(("greater", "less")):
         return "must be " + " and ".join(f"{word} {limit:g}" for word, limit in limits.items())
     return f"must be {_KINDS[kind]}" if kind in _KINDS else str(error["msg"])

@@ -8,35 +8,34 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt, Le, Unit
+from pydantic import PlainValidator
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.scenes.pose import DIRECTION, PART, POINT, TURN, Framed, Pose
+from optipromp.core.scenes.pose import Direction, Framed, Point, Pose, Turn
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion
-from optipromp.core.scenes.values import array, limited, unit
+from optipromp.core.scenes.values import Array, Length, direction
 
 WITHIN = 1e-3  # [m] distance of the tool point from a goal without a tolerance; method §5
 ANGLE = 2.0  # [degrees] the same of the tool's axis or orientation; method §5
-_MOST_ANGLE = 180.0  # [degrees] a larger tolerance has no meaning
 
 
 @dataclass(frozen=True, eq=False)
-class JointGoal(Framed):
+class JointGoal(Framed, label="goal."):
     """A goal in joint space: ``joints`` (n,) [rad or m].
 
     A joint without limits may end any number of full turns away. Joints are of no frame.
     """
 
-    joints: FloatArray
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "joints", array("goal.joints", self.joints, None))
+    joints: Annotated[FloatArray, Array(None)]
 
 
 @dataclass(frozen=True, eq=False)
-class PoseGoal(Framed, label="goal", position=POINT, axis=DIRECTION):
+class PoseGoal(Framed, label="goal."):
     """A goal for the tool, in the base frame; the roll about the tool axis is free.
 
     Args:
@@ -44,12 +43,12 @@ class PoseGoal(Framed, label="goal", position=POINT, axis=DIRECTION):
         axis: (3,) of the tool axis; of any length above 0.
     """
 
-    position: FloatArray
-    axis: FloatArray
+    position: Point
+    axis: Direction
 
 
 @dataclass(frozen=True, eq=False)
-class RegionGoal(Framed, label="goal", position=POINT, axis=DIRECTION, orientation=TURN, box=TURN):
+class RegionGoal(Framed, label="goal."):
     """A goal for the tool, in the base frame: a region of tool points and of orientations.
 
     The tool's frame has its origin at the tool point and its z axis along the tool axis; its y axis
@@ -71,12 +70,12 @@ class RegionGoal(Framed, label="goal", position=POINT, axis=DIRECTION, orientati
         InvalidSceneError: a value is out of range, or axis and orientation are both given.
     """
 
-    position: FloatArray
-    axis: FloatArray | None = None
-    orientation: FloatArray | None = None
+    position: Point
+    axis: Direction | None = None
+    orientation: Turn | None = None
     within: float | FloatArray | None = None
-    angle: float | None = None
-    box: FloatArray | None = None
+    angle: Annotated[float | None, Gt(0.0), Le(180.0), Unit("degrees")] = None
+    box: Turn | None = None
 
     def __post_init__(self) -> None:
         if self.axis is not None and self.orientation is not None:
@@ -85,7 +84,6 @@ class RegionGoal(Framed, label="goal", position=POINT, axis=DIRECTION, orientati
             raise InvalidSceneError(
                 f"goal.tolerance.angle is {self.angle:g}: goes with an axis or an orientation"
             )
-        limited("goal.tolerance.angle", self.angle, "degrees", _MOST_ANGLE)
         sizes = np.atleast_1d(np.array(WITHIN if self.within is None else self.within, dtype=float))
         if sizes.shape not in ((1,), (3,)) or not (np.isfinite(sizes) & (sizes > 0.0)).all():
             raise InvalidSceneError(
@@ -139,11 +137,12 @@ class RegionGoal(Framed, label="goal", position=POINT, axis=DIRECTION, orientati
 Goal = JointGoal | PoseGoal | RegionGoal  # a goal of a scene without a target
 
 
+UP = frozen([0.0, 0.0, 1.0])
 _MOST_LEAN = 90.0  # [degrees] a wider cone keeps nothing upright
 
 
 @dataclass(frozen=True, eq=False)
-class HeldUpright(Framed, label="path.upright", direction=DIRECTION):
+class HeldUpright(Framed, label="path.upright."):
     """An axis of the tool stays within an angle of a direction, as that of a full cup.
 
     Args:
@@ -153,18 +152,13 @@ class HeldUpright(Framed, label="path.upright", direction=DIRECTION):
         direction: (3,) in the base frame.
     """
 
-    angle: float
-    axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-
-    def __post_init__(self) -> None:
-        limited("path.upright.angle", self.angle, "degrees", _MOST_LEAN)
-        object.__setattr__(self, "axis", unit("path.upright.axis", self.axis))
-        super().__post_init__()
+    angle: Annotated[float, Gt(0.0), Le(_MOST_LEAN), Unit("degrees")]
+    axis: Annotated[FloatArray, PlainValidator(direction)] = field(default_factory=lambda: UP)
+    direction: Direction = field(default_factory=lambda: UP)
 
 
 @dataclass(frozen=True, eq=False)
-class OnPlane(Framed, label="path.plane", point=POINT, normal=DIRECTION):
+class OnPlane(Framed, label="path.plane."):
     """The tool point stays near a plane.
 
     Args:
@@ -173,17 +167,13 @@ class OnPlane(Framed, label="path.plane", point=POINT, normal=DIRECTION):
         within: largest distance of the tool point from the plane [m].
     """
 
-    point: FloatArray
-    normal: FloatArray
-    within: float
-
-    def __post_init__(self) -> None:
-        limited("path.plane.within", self.within, "m")
-        super().__post_init__()
+    point: Point
+    normal: Direction
+    within: Length
 
 
 @dataclass(frozen=True, eq=False)
-class PathConstraints(Framed, upright=PART, plane=PART):
+class PathConstraints(Framed):
     """What the tool keeps from the start to the goal; None: nothing of the kind."""
 
     upright: HeldUpright | None = None
@@ -196,7 +186,7 @@ _LEAST = 1e-6  # [m, rad] a line that is shorter in both is none
 
 
 @dataclass(frozen=True, eq=False)
-class Lines(Framed, points=PART):
+class Lines(Framed, label="waypoints."):
     """The tool goes freely to the first point, then along straight lines to the goal.
 
     The orientation turns evenly with the way along a line, about one axis. Where the lines meet,
@@ -214,8 +204,8 @@ class Lines(Framed, points=PART):
     """
 
     points: tuple[RegionGoal, ...]
-    speed: float | None = None
-    within: float = LINE_WITHIN
+    speed: Annotated[float | None, Gt(0.0), Unit("m/s")] = None
+    within: Length = LINE_WITHIN
 
     def __post_init__(self) -> None:
         points = tuple(_region(point, f"waypoints[{k}]") for k, point in enumerate(self.points))
@@ -224,9 +214,8 @@ class Lines(Framed, points=PART):
                 raise InvalidSceneError(f"waypoints[{k}] has a tolerance: only the goal may")
         if not points:
             raise InvalidSceneError("waypoints has no entries: must have at least one")
-        for name in ("speed", "within"):
-            limited(f"waypoints.{name}", getattr(self, name))
         object.__setattr__(self, "points", points)
+        super().__post_init__()
 
     def to(self, goal: Goal) -> tuple[RegionGoal, ...]:
         """The points and the ``goal``, which is a pose of the tool or a region of poses."""

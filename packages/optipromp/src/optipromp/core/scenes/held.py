@@ -6,17 +6,20 @@ import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt, Le, Unit
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex, parted
 from optipromp.core.robots.mounted import Load
 from optipromp.core.robots.tool_geometry import Solid
-from optipromp.core.scenes.pose import DIRECTION, POINT, Framed
-from optipromp.core.scenes.rotations import IDENTITY, unit_quaternion
-from optipromp.core.scenes.values import array, keep, limited, named, suggest
+from optipromp.core.scenes.pose import Direction, Framed, Point, Turn
+from optipromp.core.scenes.rotations import IDENTITY
+from optipromp.core.scenes.values import LARGEST_PADDING, Array, suggest
+from optipromp.core.values import Name, Validated
 
 TOOL = "tool"  # name of the tool in ``may_touch``
 RETREAT = 0.1
@@ -25,7 +28,7 @@ Pair = tuple[str, str]
 
 
 @dataclass(frozen=True, eq=False)
-class Attached:
+class Attached(Validated, error=InvalidSceneError):
     """A shape that moves with the tool: a fruit in the cup, a punnet, a payload.
 
     Args:
@@ -40,18 +43,15 @@ class Attached:
             positive, or a shape that is not convex or has no end.
     """
 
-    id: str
+    id: Name
     shape: Shape
-    position: FloatArray = field(default_factory=lambda: np.zeros(3))
-    orientation: FloatArray = field(default_factory=lambda: IDENTITY)
-    mass: float | None = None
+    position: Annotated[FloatArray, Array(3)] = field(default_factory=lambda: np.zeros(3))
+    orientation: Turn = field(default_factory=lambda: IDENTITY)
+    mass: Annotated[float | None, Gt(0.0), Unit("kg")] = None
 
     def __post_init__(self) -> None:
-        named("attached id", self.id)
         where = f"attached {self.id!r}"
-        object.__setattr__(self, "position", array(f"{where}: position", self.position, 3))
-        object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
-        limited(f"{where}: mass", self.mass, "kg")
+        super().__post_init__(f"{where}: ")
         if not math.isfinite(self.shape.measure.bound) or isinstance(self.shape, PointCloudShape):
             raise InvalidSceneError(
                 f"{where}: shape is a {type(self.shape).__name__}: must be convex and have an end"
@@ -80,7 +80,7 @@ class Attached:
 
 
 @dataclass(frozen=True, eq=False)
-class Place(Framed, label="place", position=POINT, axis=DIRECTION):
+class Place(Framed, label="place."):
     """Where the tool brings the target after the pick, in the base frame.
 
     Args:
@@ -89,38 +89,28 @@ class Place(Framed, label="place", position=POINT, axis=DIRECTION):
         retreat: distance of the tool's retreat from the place of the pick [m].
     """
 
-    position: FloatArray
-    axis: FloatArray
-    retreat: float = RETREAT
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "retreat", keep("place.retreat", self.retreat))
-        if not self.retreat > 0.0:
-            raise InvalidSceneError("place.retreat is 0: must be above 0 [m]")
+    position: Point
+    axis: Direction
+    retreat: Annotated[float, Gt(0.0), Le(LARGEST_PADDING), Unit("m")] = RETREAT
 
 
-def checked(
-    attached: Iterable[Attached], may_touch: Iterable[Sequence[str]], ids: Collection[str]
-) -> tuple[tuple[Attached, ...], tuple[Pair, ...]]:
-    """Attached shapes and pairs as tuples."""
-    held, taken = tuple(attached), {*ids, TOOL}
-    for index, item in enumerate(held):
+def check_held(
+    attached: Sequence[Attached], may_touch: Sequence[Pair], ids: Collection[str]
+) -> None:
+    """Refuse shapes whose id is taken, and pairs of one name."""
+    taken = {*ids, TOOL}
+    for index, item in enumerate(attached):
         if item.id in taken:
             raise InvalidSceneError(
                 f"attached[{index}].id {item.id!r} is taken: must be unlike every other id"
             )
         taken.add(item.id)
-    pairs: list[Pair] = []
     for index, pair in enumerate(may_touch):
-        names = list(pair)
-        if len(names) != 2 or names[0] == names[1]:
+        if pair[0] == pair[1]:
             raise InvalidSceneError(
-                f"may_touch[{index}] is {names}: must be two different names of objects, links, "
-                f"attached shapes, or {TOOL!r}"
+                f"may_touch[{index}] is {list(pair)}: must be two different names of objects, "
+                f"links, attached shapes, or {TOOL!r}"
             )
-        pairs.append((names[0], names[1]))
-    return held, tuple(pairs)
 
 
 def check_names(pairs: Iterable[Pair], objects: Collection[str], links: Collection[str]) -> None:

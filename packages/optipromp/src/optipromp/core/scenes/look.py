@@ -2,14 +2,18 @@
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le, Unit
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
+from optipromp.core.values import Validated
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class Look(Validated):
     """The detections of one picture.
 
     A detection is a :class:`SceneObject` in the frame of the camera, whose z axis points forward,
@@ -34,23 +38,19 @@ class Look:
     time: float
     camera: Pose
     detections: tuple[SceneObject, ...]
-    view: float = 1.2
-    near: float = 0.0
-    far: float = math.inf
+    view: Annotated[float, Gt(0.0), Le(3.15), Unit("rad")] = 1.2
+    near: Annotated[float, Ge(0.0), Unit("m")] = 0.0
+    far: Annotated[float, Gt(0.0), Unit("m or inf")] = math.inf
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for item in self.detections:
             if item.covariance is None:
                 raise InvalidRequestError(
                     f"detection {item.id} has no covariance: give covariance or sigma [m]"
                 )
-        if not 0.0 < self.view <= 3.15:
-            raise InvalidRequestError(f"view is {self.view:g}; must be above 0, at most pi [rad]")
-        if not 0.0 <= self.near < self.far:
-            raise InvalidRequestError(
-                f"near is {self.near:g} and far is {self.far:g}; near must not be negative, and "
-                "far above it [m]"
-            )
+        if not self.near < self.far:
+            raise InvalidRequestError(f"far is {self.far:g}: must be above near, {self.near:g} [m]")
 
     def in_base(self) -> tuple[SceneObject, ...]:
         """The detections in the robot's base frame."""

@@ -7,23 +7,27 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Literal, Self, TypeAlias, get_args
+from typing import Annotated, Literal, Self, TypeAlias, get_args
 
 import numpy as np
+from annotated_types import Ge, Le, Unit
+from numpy.typing import ArrayLike
+from pydantic import AfterValidator
 
 from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
-from optipromp.core.errors import InvalidSceneError
+from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
-from optipromp.core.scenes.pose import PART, POINT, TURN, Framed, Pose, Quantity
-from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, unit_quaternion
-from optipromp.core.scenes.values import array, keep, limited, named, suggest, unit
+from optipromp.core.scenes.pose import POINTS, Framed, Point, Pose, Quantity, Turn
+from optipromp.core.scenes.rotations import IDENTITY, from_quaternion
+from optipromp.core.scenes.values import Array, Length, Padding, array, unit
+from optipromp.core.values import Name, Positive, refuse, value
 
 FOR_EVER = 600.0  # [s] a choice: for so long an object with a velocity moves
 FASTEST = 10.0  # [m/s] chosen: a larger speed is a number in millimetres
 
 
 @dataclass(frozen=True, eq=False)
-class ObjectMotion:
+class ObjectMotion(Framed, label="motion."):
     """A curve of straight pieces. Before and after it, the object stands at the curve's ends.
 
     Time 0 is the begin of a plan's trajectory. The object does not turn.
@@ -37,21 +41,19 @@ class ObjectMotion:
             :data:`FASTEST`.
     """
 
-    times: FloatArray
-    positions: FloatArray
+    times: Annotated[FloatArray, Array(None)]
+    positions: Annotated[FloatArray, POINTS]
 
     def __post_init__(self) -> None:
-        times, positions = np.asarray(self.times, dtype=np.float64), np.asarray(self.positions)
-        if times.ndim != 1 or len(times) < 2 or positions.shape != (len(times), 3):
+        super().__post_init__()
+        times, positions = self.times, self.positions
+        if len(times) < 2 or len(positions) != len(times):
             raise InvalidSceneError(
                 f"motion has times {times.shape} and positions {positions.shape}: must be (k,) "
                 "and (k, 3), k >= 2"
             )
-        times = array("motion.times", times, len(times))
         if (np.diff(times) <= 0.0).any():
             raise InvalidSceneError(f"motion.times are {times.tolist()}: must increase")
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "positions", array("motion.positions", positions, len(times), 3))
         if self.fastest > FASTEST:
             raise InvalidSceneError(
                 f"motion reaches {self.fastest:.3g} m/s: must be at most {FASTEST:g} [m/s]; "
@@ -82,10 +84,6 @@ class ObjectMotion:
         """The same motion, displaced ``by`` (3,) [m]."""
         return replace(self, positions=self.positions + by)
 
-    def transformed(self, pose: Pose) -> ObjectMotion:
-        """The same motion in another frame, in which its present frame has the ``pose``."""
-        return replace(self, positions=frozen([pose @ place for place in self.positions]))
-
 
 Role: TypeAlias = Literal["target", "pushable", "avoid", "static"]
 ROLES: tuple[Role, ...] = get_args(Role)
@@ -110,7 +108,7 @@ STEM_SLACK = 0.005  # [m] chosen: largest distance of a stem's ends from its fru
 
 
 @dataclass(frozen=True, eq=False)
-class Stem(Framed, points=POINT):
+class Stem(Framed, label="stem."):
     """The stem of a fruit.
 
     Args:
@@ -127,26 +125,22 @@ class Stem(Framed, points=POINT):
             not positive.
     """
 
-    points: FloatArray
-    radius: float = STEM_RADIUS
+    points: Annotated[FloatArray, POINTS]
+    radius: Length = STEM_RADIUS
     parent: str | None = None
-    tilt: float | None = None
+    tilt: Annotated[float | None, Ge(0.0), Le(STEEPEST), Unit("degrees")] = None
     unseen: bool = False
 
     def __post_init__(self) -> None:
-        limited("stem.tilt", self.tilt, "degrees", STEEPEST, zero=True)
-        shape = np.shape(self.points)
-        if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
-            raise InvalidSceneError(f"stem.points has shape {shape}: must be (k, 3), k >= 2")
-        points = array("stem.points", self.points, None, 3)
-        short = np.flatnonzero(np.linalg.norm(np.diff(points, axis=0), axis=1) < 1e-9)
+        super().__post_init__()
+        if len(self.points) < 2:
+            raise InvalidSceneError("stem.points has 1 entry: must have at least 2")
+        short = np.flatnonzero(lengths(np.diff(self.points, axis=0)) < 1e-9)
         if short.size:
             raise InvalidSceneError(
                 f"stem piece {short[0]} has no length: neighbouring points (the fruit's position "
                 "is the first) must differ"
             )
-        limited("stem.radius", self.radius, "m")
-        object.__setattr__(self, "points", points)
 
     @classmethod
     def along(
@@ -156,7 +150,7 @@ class Stem(Framed, points=POINT):
 
         ``direction`` (3,): from the fruit to the root, of any length above 0.
         """
-        limited("stem.length", length, "m")
+        length = value("stem.length", length, Length, InvalidSceneError)
         begin = array("position", position, 3)
         return cls(np.array([begin, begin + length * unit("stem.direction", direction)]), radius)
 
@@ -215,19 +209,38 @@ class Stem(Framed, points=POINT):
         return float(np.linalg.norm(np.diff(self.points, axis=0), axis=1).sum())
 
 
+def _covariance(values: ArrayLike) -> FloatArray:
+    """The covariance (3, 3) [m²] of a position."""
+    covariance = Array(3, 3).read(values)
+    scale = float(np.abs(covariance).max())
+    if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
+        raise refuse("is not symmetric: must equal its transpose")
+    if scale > _LARGEST_SIGMA**2:
+        raise refuse(f"reaches {scale:g}: must be at most {_LARGEST_SIGMA**2:g} [m²]")
+    least = float(np.linalg.eigvalsh(covariance)[0])
+    if least < -1e-12 * scale:
+        raise refuse(f"has eigenvalue {least:.3g}: must be positive semi-definite")
+    return covariance
+
+
 def _spread(pose: Pose, covariance: FloatArray) -> FloatArray:
     """A covariance (3, 3) in another frame."""
     turned = pose.rotation @ covariance @ pose.rotation.T
     return np.asarray(0.5 * (turned + turned.T))
 
 
-SPREAD = Quantity(PART.checked, _spread)
+def _physical(name: str) -> str:
+    if name not in PHYSICAL:
+        raise refuse(f"is unknown: {suggest(name, PHYSICAL)}")
+    return name
+
+
+SPREAD = Quantity(_covariance, _spread)
+Sigma = Annotated[float, Ge(0.0), Le(_LARGEST_SIGMA), Unit("m")]
 
 
 @dataclass(frozen=True, eq=False)
-class SceneObject(
-    Framed, position=POINT, orientation=TURN, stem=PART, covariance=SPREAD, motion=PART
-):
+class SceneObject(Framed):
     """One object of the scene.
 
     Args:
@@ -255,35 +268,36 @@ class SceneObject(
             from its fruit, or an object has a motion that its role does not allow.
     """
 
-    id: str
+    id: Name
     role: Role
     shape: Shape
-    position: FloatArray
-    orientation: FloatArray = field(default_factory=lambda: IDENTITY)
+    position: Point
+    orientation: Turn = field(default_factory=lambda: IDENTITY)
     stem: Stem | None = None
-    covariance: FloatArray | None = None
-    physical: Mapping[str, float] = field(default_factory=dict)
+    covariance: Annotated[FloatArray, SPREAD] | None = None
+    physical: Mapping[Annotated[str, AfterValidator(_physical)], Positive] = field(
+        default_factory=dict
+    )
     sigma: InitVar[float | None] = None
     motion: ObjectMotion | None = None
-    padding: float | None = None
+    padding: Padding | None = None
 
     def __post_init__(self, sigma: float | None) -> None:
-        named("id", self.id)
-        if self.role not in ROLES:
-            raise InvalidSceneError(f"role {self.role!r} is unknown: {suggest(self.role, ROLES)}")
+        if sigma is not None:
+            if self.covariance is not None:
+                raise InvalidSceneError(
+                    "covariance and sigma are given: must be one of them at most"
+                )
+            deviation = value("sigma", sigma, Sigma, InvalidSceneError)
+            object.__setattr__(self, "covariance", deviation**2 * np.eye(3))
+        super().__post_init__()
         if self.role in ("target", "pushable") and math.isinf(self.radius):
             raise InvalidSceneError(f"a {self.role} cannot be a half_space: it has no end")
-        if self.padding is not None:
-            object.__setattr__(self, "padding", keep("padding", self.padding))
-            if self.role != "static":
-                raise InvalidSceneError(
-                    f"padding is {self.padding:g} and the role is {self.role}: padding goes with "
-                    "static objects"
-                )
-        object.__setattr__(self, "position", array("position", self.position, 3))
-        object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
-        if self.covariance is not None or sigma is not None:
-            object.__setattr__(self, "covariance", _covariance(self.covariance, sigma))
+        if self.padding is not None and self.role != "static":
+            raise InvalidSceneError(
+                f"padding is {self.padding:g} and the role is {self.role}: padding goes with "
+                "static objects"
+            )
         if self.stem is not None:
             gap = float(np.linalg.norm(self.stem.points[0] - self.position))
             if gap > self.shape.measure.bound + STEM_SLACK:
@@ -299,7 +313,9 @@ class SceneObject(
                 raise InvalidSceneError(
                     f"motion is {off:.3g} m from position at time 0: must be there"
                 )
-        object.__setattr__(self, "physical", _checked(self.physical))
+        spread = self.physical.get("stem_stiffness_spread")
+        if spread is not None and not spread > 1.0:
+            raise InvalidSceneError(f"physical.stem_stiffness_spread is {spread}: must be above 1")
 
     def _immobile(self, motion: ObjectMotion) -> str | None:
         """Why the object may not have a motion, and what to do; None: it may."""
@@ -377,41 +393,6 @@ class SceneObject(
             case Capsule(radius, length):
                 return radius + 0.5 * length * abs(float(along[2]))
         return self.radius
-
-
-def _checked(physical: Mapping[str, float]) -> dict[str, float]:
-    for name, value in physical.items():
-        if name not in PHYSICAL:
-            raise InvalidSceneError(
-                f"physical property {name!r} is unknown: {suggest(name, PHYSICAL)}"
-            )
-        least = 1.0 if name == "stem_stiffness_spread" else 0.0
-        if not (math.isfinite(value) and value > least):
-            raise InvalidSceneError(f"physical.{name} is {value}: must be above {least:g}")
-    return dict(physical)
-
-
-def _covariance(values: FloatArray | None, sigma: float | None) -> FloatArray:
-    """The covariance (3, 3) [m²]: ``values``, or that of the standard deviation ``sigma`` [m]."""
-    if sigma is not None:
-        if values is not None:
-            raise InvalidSceneError("covariance and sigma are given: must be one of them at most")
-        limited("sigma", sigma, "m", _LARGEST_SIGMA, zero=True)
-        return frozen(sigma**2 * np.eye(3))
-    covariance = array("covariance", values, 3, 3)
-    scale = float(np.abs(covariance).max())
-    if np.abs(covariance - covariance.T).max() > 1e-9 * scale:
-        raise InvalidSceneError("covariance is not symmetric: must equal its transpose")
-    if scale > _LARGEST_SIGMA**2:
-        raise InvalidSceneError(
-            f"covariance reaches {scale:g}: must be at most {_LARGEST_SIGMA**2:g} [m²]"
-        )
-    least = float(np.linalg.eigvalsh(covariance)[0])
-    if least < -1e-12 * scale:
-        raise InvalidSceneError(
-            f"covariance has eigenvalue {least:.3g}: must be positive semi-definite"
-        )
-    return covariance
 
 
 TILTS = 8.0, 16.0, 24.0, 32.0, 40.0  # [degrees] that are tried: choices

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, NamedTuple, Self, overload
+from typing import Annotated, Any, Self, overload
 
 import numpy as np
+from pydantic import PlainValidator
+from pydantic_core import core_schema
 
+from optipromp.core import values
 from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import array, unit
+from optipromp.core.scenes.values import Array, direction
 
 
 @dataclass(frozen=True, eq=False)
-class Pose:
+class Pose(values.Validated, error=InvalidSceneError):
     """The pose of a frame B in a frame A.
 
     ``pose @ p`` are the coordinates in A of a point ``p`` in B: x_A = R x_B + position.
@@ -30,12 +35,10 @@ class Pose:
         InvalidSceneError: a value is not finite, or the orientation is no rotation.
     """
 
-    position: FloatArray = field(default_factory=lambda: np.zeros(3))
-    orientation: FloatArray = field(default_factory=lambda: IDENTITY)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "position", array("position", self.position, 3))
-        object.__setattr__(self, "orientation", unit_quaternion(self.orientation))
+    position: Annotated[FloatArray, Array(3)] = field(default_factory=lambda: np.zeros(3))
+    orientation: Annotated[FloatArray, PlainValidator(unit_quaternion)] = field(
+        default_factory=lambda: IDENTITY
+    )
 
     @cached_property
     def rotation(self) -> FloatArray:
@@ -64,47 +67,56 @@ class Pose:
         return frozen(np.asarray(other) @ self.rotation.T + self.position)
 
 
-class Quantity(NamedTuple):
-    """What a value in a frame is: how it is checked, and how it changes with the frame."""
+class Quantity:
+    """In an annotation: how the field is read, and how its value changes with the frame."""
 
-    checked: Callable[[str, Any], Any]
-    moved: Callable[[Pose, Any], Any]
+    def __init__(
+        self, read: Callable[[Any], FloatArray], moved: Callable[[Pose, Any], FloatArray]
+    ) -> None:
+        self.read, self.moved = read, moved
 
-
-def _each(pose: Pose, part: Any) -> Any:
-    if isinstance(part, tuple):
-        return tuple(one.transformed(pose) for one in part)
-    return part.transformed(pose)
-
-
-POINT = Quantity(lambda name, point: array(name, point, 3), lambda pose, point: pose @ point)
-SPAN = Quantity(POINT.checked, lambda pose, span: pose.rotation @ span)
-DIRECTION = Quantity(unit, SPAN.moved)
-TURN = Quantity(lambda _, turn: unit_quaternion(turn), lambda pose, q: product(pose.orientation, q))
-PART = Quantity(lambda _, part: part, _each)  # a :class:`Framed`, or a tuple of such
+    def __get_pydantic_core_schema__(self, *_: object) -> core_schema.CoreSchema:
+        return core_schema.no_info_plain_validator_function(self.read)
 
 
-class Framed:
-    """Base of dataclasses with values in a frame, which may be None.
+POINTS = Quantity(Array(None, 3).read, lambda pose, points: pose @ points)
+Point = Annotated[FloatArray, Quantity(Array(3).read, POINTS.moved)]
+Span = Annotated[FloatArray, Quantity(Array(3).read, lambda pose, span: pose.rotation @ span)]
+Direction = Annotated[FloatArray, Quantity(direction, lambda pose, span: pose.rotation @ span)]
+Turn = Annotated[
+    FloatArray, Quantity(unit_quaternion, lambda pose, turn: product(pose.orientation, turn))
+]
 
-    A subclass states the kind of each of them, and the ``label`` before their names in messages.
+
+@functools.cache
+def _quantities(kind: type) -> Mapping[str, Quantity | None]:
+    """The fields of a class, and what those that are in a frame are."""
+    kinds = {name: [*values.notes(hint)] for name, hint in values.hints_of(kind).items()}
+    return {
+        name: next((one for one in found if isinstance(one, Quantity)), None)
+        for name, found in kinds.items()
+    }
+
+
+class Framed(values.Validated, error=InvalidSceneError):
+    """Base of dataclasses with values in a frame: quantities, others of the kind, tuples of such.
+
+    A value may be None.
     """
-
-    kinds: ClassVar[Mapping[str, Quantity]]
-    label: ClassVar[str]
-
-    def __init_subclass__(cls, label: str = "", **kinds: Quantity) -> None:
-        cls.label, cls.kinds = label, kinds
-
-    def __post_init__(self) -> None:
-        for name, kind in self.kinds.items():
-            if (value := getattr(self, name)) is not None:
-                object.__setattr__(self, name, kind.checked(f"{self.label}.{name}", value))
 
     def moved(self, pose: Pose) -> dict[str, Any]:
         """The values in another frame, in which their present frame has the ``pose``, by name."""
-        stated = {name: getattr(self, name) for name in self.kinds}
-        return {k: self.kinds[k].moved(pose, v) for k, v in stated.items() if v is not None}
+        out: dict[str, Any] = {}
+        kind: type = type(self)
+        for name, quantity in _quantities(kind).items():
+            value = getattr(self, name)
+            if quantity is not None and value is not None:
+                out[name] = quantity.moved(pose, value)
+            elif isinstance(value, Framed):
+                out[name] = value.transformed(pose)
+            elif isinstance(value, tuple) and value and isinstance(value[0], Framed):
+                out[name] = tuple(one.transformed(pose) for one in value)
+        return out
 
     def transformed(self, pose: Pose) -> Self:
         """The same in another frame, in which its present frame has the ``pose``."""

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.scenes.values import array, numbers
+from optipromp.core.scenes.values import array
 
 IDENTITY = frozen([1.0, 0.0, 0.0, 0.0])  # the quaternion of the identity
 
@@ -27,9 +27,7 @@ def unit_quaternion(values: ArrayLike) -> FloatArray:
     """
     if values is IDENTITY:
         return IDENTITY
-    if not isinstance(values, np.ndarray):
-        values = numbers("orientation", values)
-    if values.shape == (3, 3):
+    if np.shape(values) == (3, 3):
         matrix = array("orientation", values, 3, 3)
         off = float(np.abs(matrix @ matrix.T - _EYE).max())
         if off > _TOLERANCE or np.linalg.det(matrix) < 0.0:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Unit
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError
@@ -26,7 +27,7 @@ from optipromp.core.scenes.goals import (
     RegionGoal,
     check_lines,
 )
-from optipromp.core.scenes.held import Attached, Pair, Place, checked, pairs_among
+from optipromp.core.scenes.held import Attached, Pair, Place, check_held, pairs_among
 from optipromp.core.scenes.objects import (
     ROLES,
     STEM_RADIUS,
@@ -37,9 +38,10 @@ from optipromp.core.scenes.objects import (
     check_trusses,
     rooted,
 )
-from optipromp.core.scenes.pose import DIRECTION, PART, SPAN, Framed, Pose
-from optipromp.core.scenes.values import array, keep, limited, named, suggest
+from optipromp.core.scenes.pose import Direction, Framed, Pose, Span
+from optipromp.core.scenes.values import Array, Padding, suggest
 from optipromp.core.shown import Shown
+from optipromp.core.values import Name
 
 __all__ = [
     "ROLES", "STEM_RADIUS", "Approach", "Attached", "Goal", "JointGoal", "Pose", "PoseGoal",
@@ -57,9 +59,7 @@ _FARTHEST_CAMERA = 20.0  # [m] chosen
 
 
 @dataclass(frozen=True, eq=False)
-class Approach(
-    Framed, label="approach", direction=DIRECTION, lateral=DIRECTION, shift=SPAN, lead=DIRECTION
-):
+class Approach(Framed, label="approach."):
     """The direction from which the tool comes to the target.
 
     Args:
@@ -78,13 +78,13 @@ class Approach(
             planner's choice in the scene of a plan; None: ``direction``.
     """
 
-    direction: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    lateral: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    camera_distance: float = 0.10
-    cone: float | None = None
-    aside: float | None = None
-    shift: FloatArray = field(default_factory=lambda: np.zeros(3))
-    lead: FloatArray | None = None
+    direction: Direction = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    lateral: Direction = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    camera_distance: Annotated[float, Gt(0.0), Le(_FARTHEST_CAMERA), Unit("m")] = 0.10
+    cone: Annotated[float | None, Ge(0.0), Le(WIDEST_CONE), Unit("degrees")] = None
+    aside: Annotated[float | None, Ge(0.0), Unit("m")] = None
+    shift: Span = field(default_factory=lambda: np.zeros(3))
+    lead: Direction | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -94,9 +94,6 @@ class Approach(
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
                 "must point across it"
             )
-        limited("approach.camera_distance", self.camera_distance, "m", _FARTHEST_CAMERA)
-        limited("approach.cone", self.cone, "degrees", WIDEST_CONE, zero=True)
-        limited("approach.aside", self.aside, "m", zero=True)
         if lead is not None and lead @ z < math.cos(math.radians(WIDEST_CONE)) - 1e-9:
             raise InvalidSceneError(
                 f"approach.lead {lead.tolist()} is more than {WIDEST_CONE:g} degrees off the "
@@ -128,9 +125,7 @@ class ToolSpec:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Scene(
-    Shown, Framed, objects=PART, approach=PART, goal=PART, path=PART, waypoints=PART, place=PART
-):
+class Scene(Shown, Framed):
     """A scene: robot, objects, and a target or goal, in the frame of the robot's base.
 
     Args:
@@ -162,11 +157,11 @@ class Scene(
             padding is negative; or the root of a stem is not on its parent's stem.
     """
 
-    name: str
+    name: Name
     robot: str
     objects: tuple[SceneObject, ...]
     tool: ToolSpec | None = None
-    start: FloatArray | None = None
+    start: Annotated[FloatArray, Array(None)] | None = None
     approach: Approach = field(default_factory=Approach)
     goal: Goal | tuple[Goal, ...] | None = None
     options: Mapping[str, Any] = field(default_factory=dict)
@@ -178,28 +173,18 @@ class Scene(
     waypoints: Lines | None = None
     attached: tuple[Attached, ...] = ()
     may_touch: tuple[Pair, ...] = ()
-    padding: float = 0.0
+    padding: Padding = 0.0
     place: Place | None = None
     crop: Crop | None = None
     metres: bool = False
 
     def __post_init__(self) -> None:
-        named("name", self.name)
-        object.__setattr__(self, "objects", tuple(self.objects))
-        ids = [item.id for item in self.objects]
-        held, pairs = checked(self.attached, self.may_touch, ids)
-        object.__setattr__(self, "attached", held)
-        object.__setattr__(self, "may_touch", pairs)
-        object.__setattr__(self, "padding", keep("padding", self.padding))
-        object.__setattr__(self, "options", dict(self.options))
-        if isinstance(self.goal, tuple | list):
-            object.__setattr__(self, "goal", tuple(self.goal))
-            if not 0 < len(self.goals) <= MOST_GOALS:
-                raise InvalidSceneError(
-                    f"goal has {len(self.goals)} entries: must have 1 to {MOST_GOALS}"
-                )
-        if self.start is not None:
-            object.__setattr__(self, "start", array("start", self.start, None))
+        super().__post_init__()
+        check_held(self.attached, self.may_touch, [item.id for item in self.objects])
+        if isinstance(self.goal, tuple) and not 0 < len(self.goal) <= MOST_GOALS:
+            raise InvalidSceneError(
+                f"goal has {len(self.goal)} entries: must have 1 to {MOST_GOALS}"
+            )
         seen: dict[str, int] = {}
         for index, item in enumerate(self.objects):
             if item.id in seen:

@@ -1,75 +1,46 @@
-"""Checks of a scene's values, with the words of the refusals."""
+"""Arrays and distances of scenes: no farther than :data:`FARTHEST`."""
 
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
-import numpy as np
+from annotated_types import Ge, Gt, Le, Unit
+from numpy.typing import ArrayLike
 
+from optipromp.core import values
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.errors import InvalidSceneError, is_name, no_name, suggest
+from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.shapes import FARTHEST
 
-__all__ = ["array", "named", "numbers", "suggest", "unit"]
-
-
-def named(what: str, text: object) -> None:
-    """Refuse a text that is no name. ``what`` begins the error."""
-    if not isinstance(text, str) or not is_name(text):
-        raise InvalidSceneError(f"{what} is {no_name(str(text))}")
-
+__all__ = ["Array", "Length", "Padding", "array", "direction", "suggest", "unit"]
 
 LARGEST_PADDING = 1.0  # [m] chosen: a larger one is a number in millimetres
+Padding = Annotated[float, Ge(0.0), Le(LARGEST_PADDING), Unit("m")]
+Length = Annotated[float, Gt(0.0), Unit("m")]
 
 
-def keep(name: str, value: object) -> float:
-    """``value`` as a distance to be kept [m]; refused below 0 or above :data:`LARGEST_PADDING`."""
-    number = value if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
-    if not 0.0 <= number <= LARGEST_PADDING:
-        raise InvalidSceneError(f"{name} is {value!r}: must be 0 to {LARGEST_PADDING:g} [m]")
-    return float(number)
+class Array(values.Array):
+    """An array of a scene."""
+
+    def __init__(self, *shape: int | None) -> None:
+        super().__init__(*shape, most=FARTHEST)
 
 
-def limited(
-    name: str, value: float | None, unit: str = "", most: float = math.inf, *, zero: bool = False
-) -> None:
-    """Refuse a number that is below 0, too large, or (unless ``zero``) 0; None is accepted."""
-    if value is None or (0.0 < value <= most and value < math.inf) or (zero and value == 0.0):
-        return
-    above = "" if math.isinf(most) else f" and at most {most:g}"
-    wanted = f"0 to {most:g}" if zero and above else f"{'at least' if zero else 'above'} 0{above}"
-    raise InvalidSceneError(f"{name} is {value:g}: must be {wanted}{unit and f' [{unit}]'}")
+def array(name: str, given: ArrayLike, *shape: int | None) -> FloatArray:
+    """``given`` as an :class:`Array`; ``name`` begins the error."""
+    return values.array(name, given, *shape, most=FARTHEST, error=InvalidSceneError)
 
 
-def numbers(name: str, values: object) -> FloatArray:
-    """``values`` as a read-only array of any shape; refused if they are no numbers."""
-    try:
-        return frozen(values)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidSceneError(f"{name} is {values!r:.60}: must be finite numbers") from None
-
-
-def array(name: str, values: object, *shape: int | None) -> FloatArray:
-    """``values`` as a read-only array; refused if not finite or not of ``shape`` (None: any)."""
-    array = numbers(name, values)
-    fits = [want in (None, have) for want, have in zip(shape, array.shape, strict=False)]
-    if array.ndim != len(shape) or not all(fits):
-        wanted = ", ".join("n" if size is None else str(size) for size in shape)
-        wanted += "," if len(shape) == 1 else ""
-        raise InvalidSceneError(f"{name} has shape {array.shape}: must be ({wanted})")
-    usable = np.abs(array) <= FARTHEST
-    if not usable.all():
-        at = tuple(int(i) for i in np.argwhere(~usable)[0])
-        where = "".join(f"[{i}]" for i in at)
-        wanted = f"at most {FARTHEST:g}" if np.isfinite(array[at]) else "finite"
-        raise InvalidSceneError(f"{name}{where} is {array[at]}: must be {wanted}")
-    return array
-
-
-def unit(name: str, values: object) -> FloatArray:
-    """``values`` (3,) normalised, read-only; refused if their length is 0."""
-    vector = array(name, values, 3)
+def direction(given: ArrayLike) -> FloatArray:
+    """``given`` (3,) normalised, read-only; a validator refuses it if its length is 0."""
+    vector = Array(3).read(given)
     length = math.hypot(*vector)
     if not length > 0.0:
-        raise InvalidSceneError(f"{name} is {vector.tolist()}: must have a direction")
+        raise values.refuse(f"is {vector.tolist()}: must have a direction")
     return frozen(vector / length)
+
+
+def unit(name: str, given: ArrayLike) -> FloatArray:
+    """As :func:`direction`; ``name`` begins the error."""
+    return values.read_by(direction, name, given, InvalidSceneError)
