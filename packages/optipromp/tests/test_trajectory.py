@@ -115,7 +115,7 @@ def test_through_waypoints_it_is_scipys_spline(seed: int, rows: int, moving: boo
 
 def test_slowed_beyond_what_times_can_be_it_is_refused() -> None:
     for factor in (1e12, 1e200):
-        with pytest.raises(InvalidRequestError, match="times must be finite"):
+        with pytest.raises(InvalidRequestError, match=r"times\[\d\] is .* must be at most 1e\+09"):
             any_curve(3).slowed(factor)
 
 
@@ -132,7 +132,7 @@ def test_the_state_at_an_instant() -> None:
     assert state.moving
     np.testing.assert_array_equal(state.q, curve.sample(0.3)[0][0])
     assert not State(np.zeros(2)).moving
-    with pytest.raises(InvalidRequestError, match="velocity of a state has shape"):
+    with pytest.raises(InvalidRequestError, match=r"state\.velocity has shape"):
         State(np.zeros(2), np.zeros(3))
     with pytest.raises(InvalidRequestError, match="must be finite"):
         State(np.array([0.0, np.nan]))
@@ -155,7 +155,7 @@ def test_it_keeps_a_copy_and_nobody_can_write_to_it() -> None:
     [
         (line(1), 0.1, NAMES, "at least 2 waypoints"),
         (np.zeros((0, 2)), 0.1, NAMES, "at least 2 waypoints"),
-        (np.zeros(6), 0.1, NAMES, "at least 2 waypoints"),
+        (np.zeros(6), 0.1, NAMES, r"shape \(6,\): must be \(k, n\)"),
         (line(), 0.1, ("a",), "1 joint names for 2 columns"),
         (line(), 0.0, NAMES, "dt is 0"),
         (line(), -0.1, NAMES, "dt is -0.1"),
@@ -164,7 +164,12 @@ def test_it_keeps_a_copy_and_nobody_can_write_to_it() -> None:
         (line(), np.arange(4.0), NAMES, "4 times for 5 waypoints"),
         (line(), np.arange(1.0, 6.0), NAMES, "times begin at 1"),
         (line(), np.array([0.0, 1.0, 1.0, 2.0, 3.0]), NAMES, "do not grow: 1 s at waypoint 1"),
-        (line(), np.array([0.0, 1.0, np.nan, 2.0, 3.0]), NAMES, "times must be finite"),
+        (
+            line(),
+            np.array([0.0, 1.0, np.nan, 2.0, 3.0]),
+            NAMES,
+            r"times\[2\] is nan: must be",
+        ),
     ],
 )
 def test_refusals(positions: Any, times: Any, names: Any, message: str) -> None:
@@ -178,7 +183,7 @@ def test_refusals(positions: Any, times: Any, names: Any, message: str) -> None:
 def test_a_value_that_is_not_finite_is_named(bad: float, what: str) -> None:
     rows = {name: line() for name in ("positions", "velocities", "accelerations")}
     rows[what][3, 1] = bad
-    with pytest.raises(InvalidRequestError, match=f"{what}: the value at waypoint 3, b"):
+    with pytest.raises(InvalidRequestError, match=rf"{what}\[3, 1\] is .*: must be finite"):
         Trajectory(np.arange(5.0), **rows, joint_names=NAMES)
 
 

@@ -145,7 +145,7 @@ def change(item, k: int, field: str, value):
         ),
         (
             change(joint_trajectory(moving()), 2, "velocities", np.array([0, np.nan, 0])),
-            "the value at waypoint 2, b is not finite",
+            r"velocities\[2, 1\] is nan: must be finite",
         ),
         (
             message(

@@ -52,5 +52,5 @@ def test_a_camera_in_the_palm_goes_with_the_arm() -> None:
         assert np.linalg.norm(camera.camera.pose.position - begin.position - away) < 1e-3
     with LiveCamera(simulation, "hand") as other:  # a second one, of the same simulation
         assert other.take().depth.max() > 0.1
-    with pytest.raises(InvalidRequestError, match="mount is roof; it must be palm, hand or beside"):
+    with pytest.raises(InvalidRequestError, match="mount is 'roof': valid are palm, hand, beside"):
         LiveCamera(simulation, "roof")

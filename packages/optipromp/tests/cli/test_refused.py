@@ -161,7 +161,7 @@ def test_files_without_end(folder: Path, make: Callable[[], None]) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (["--duration", "1e300"], "finite"), (["--timeout", "nan"], "timeout is nan"),
+        (["--duration", "1e300"], "at most 1e+09"), (["--timeout", "nan"], "timeout is nan"),
         (["--rate", "-1"], "--rate is -1"),
     ],
 )  # fmt: skip

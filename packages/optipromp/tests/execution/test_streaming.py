@@ -205,9 +205,9 @@ def test_one_motion_at_a_time_from_rest_within_the_limits() -> None:
 
 
 def test_what_is_no_stretch() -> None:
-    with pytest.raises(InvalidRequestError, match="is a list, not a Trajectory"):
+    with pytest.raises(InvalidRequestError, match=r"curve is .*: must be a Trajectory"):
         Stretch([PANDA.home], 0.0)  # type: ignore[arg-type]
-    with pytest.raises(InvalidRequestError, match="begins at nan"):
+    with pytest.raises(InvalidRequestError, match="begins is nan: must be finite"):
         Stretch(WHOLE, float("nan"))
 
 

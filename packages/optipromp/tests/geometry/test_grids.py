@@ -244,9 +244,9 @@ def test_one_shape_object_has_one_grid():
         (lambda: box_mesh([1.0, 1.0, 0.0]), "no volume"),
         (lambda: MeshShape(box_mesh([1, 1, 1]).vertices, CUBE_FACES[:-1]), "not watertight"),
         (lambda: MeshShape(box_mesh([1, 1, 1]).vertices, CUBE_FACES + 5), "face indices"),
-        (lambda: MeshShape(np.full((8, 3), np.nan), CUBE_FACES), "vertex 0"),
-        (lambda: PointCloudShape(np.zeros((0, 3)), 0.1), "points have shape"),
-        (lambda: PointCloudShape([[0, 0, 0], [0, np.inf, 0]], 0.1), "point 1"),
+        (lambda: MeshShape(np.full((8, 3), np.nan), CUBE_FACES), "vertices[0, 0] is nan"),
+        (lambda: PointCloudShape(np.zeros((0, 3)), 0.1), "points has no rows"),
+        (lambda: PointCloudShape([[0, 0, 0], [0, np.inf, 0]], 0.1), "points[1, 1] is inf"),
         (lambda: PointCloudShape([[0, 0, 0]], 0.0), "radius is 0"),
     ],
 )
@@ -343,7 +343,7 @@ def test_pixels_without_depth_in_a_cloud_are_told(tmp_path):
         ("c.xyz", "# nothing\n", "must be (N, 3)"),
         ("c.npy", "no array", "cannot be read"),
         ("c.npz", "no array", "cannot be read"),
-        ("c.csv", "1,2,nan\n", "point 0"),
+        ("c.csv", "1,2,nan\n", "points[0, 2] is nan"),
     ],
 )
 def test_refuses_cloud_files(tmp_path, name, content, words):
@@ -416,6 +416,6 @@ def test_a_mesh_of_right_indices_is_taken_as_trimesh_alone_takes_it(tmp_path, su
 
 
 def test_a_box_whose_corners_count_as_one_is_refused_with_the_scale():
-    with pytest.raises(InvalidSceneError, match=r"box size\[1\] is 5e-10 m: .*scale"):
+    with pytest.raises(InvalidSceneError, match=r"box size\[1\] is 5e-10: must be 1e-07 .* scale"):
         Box((0.1, 5e-10, 0.1))
     assert Box((0.1, 1e-6, 0.1)).mesh().vertices.shape == (8, 3)

@@ -63,7 +63,7 @@ def test_shares_of_the_limits_are_kept(stated: Scene) -> None:
     assert max(used.acceleration_ratio, used.jerk_ratio) <= 0.25 * (1.0 + 1e-9)
     assert slower.trajectory.duration > usual.trajectory.duration
     assert slower.robot is usual.robot
-    with pytest.raises(InvalidRequestError, match="velocity_scaling is 2; it must be above 0"):
+    with pytest.raises(InvalidRequestError, match="velocity_scaling is 2: must be 1e-06 to 1"):
         plan(stated, velocity_scaling=2)
 
 

@@ -137,7 +137,7 @@ def test_tool_against_the_forearm_is_seen() -> None:
         ({"radius": -0.05}, ["radius", "-0.05"]),
         ({"radius": math.nan}, ["radius", "nan"]),
         ({"radius": math.inf}, ["radius", "inf"]),
-        ({"radius": 50}, ["radius", "50", "metres"]),
+        ({"radius": 50}, ["radius is 50", "above 0 and at most 5 [m]"]),
         ({"radius": "0.05"}, ["radius", "'0.05'"]),
         ({"radius": True}, ["radius", "True"]),
         ({"radius": 0.05, "height": 0}, ["height", "0"]),

@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Unit
 
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frozen, lengths
@@ -102,7 +104,8 @@ class Course(Stretch):
     """A stretch that follows a route."""
 
     phase: float  # time in the route at ``begins`` [s]
-    rate: float  # time of the curve over time of the route; infinite for an arm that waits
+    # time of the curve over time of the route; infinite for an arm that waits
+    rate: Annotated[float, Unit("1 or inf")]
 
     def phase_at(self, time: float) -> float:
         """Time in the route at a ``time`` [s]."""

@@ -5,17 +5,19 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import AfterValidator
 
-from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.arrays import FloatArray, frozen, read_only
 from optipromp.core.compiled import kernel
 from optipromp.core.documents import read_table
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import is_folder, read_npz, reading, texts
 from optipromp.core.shown import Shown
+from optipromp.core.values import Array, Positive, Validated, refuse, value
 
 GREATEST = 1e9
 """Largest size of a position, velocity, acceleration [rad or m, s] or time [s], chosen: values
@@ -34,8 +36,13 @@ Motion = tuple[FloatArray, FloatArray, FloatArray]
 """Positions, velocities and accelerations, of one shape."""
 
 
+NONE = frozen([])
+Values = Annotated[FloatArray, Array(None, most=GREATEST)]
+Rows = Annotated[FloatArray, Array(None, None, most=GREATEST)]
+
+
 @dataclass(frozen=True, eq=False)
-class State:
+class State(Validated, label="state."):
     """Positions, velocities and accelerations of n joints; at rest by default.
 
     Args:
@@ -47,23 +54,20 @@ class State:
         InvalidRequestError: arrays of different sizes, or a value that is not finite.
     """
 
-    q: FloatArray
-    velocity: FloatArray = field(default_factory=lambda: np.empty(0))
-    acceleration: FloatArray = field(default_factory=lambda: np.empty(0))
+    q: Values
+    velocity: Values = field(default_factory=lambda: NONE)
+    acceleration: Values = field(default_factory=lambda: NONE)
 
     def __post_init__(self) -> None:
-        for what in ("q", "velocity", "acceleration"):
-            given = getattr(self, what)
-            values = frozen(given if np.size(given) else np.zeros(np.shape(self.q)))
-            if values.ndim != 1 or values.shape != np.shape(self.q):
+        super().__post_init__()
+        for what in ("velocity", "acceleration"):
+            values = getattr(self, what)
+            if not len(values):
+                object.__setattr__(self, what, read_only(np.zeros_like(self.q)))
+            elif len(values) != len(self.q):
                 raise InvalidRequestError(
-                    f"{what} of a state has shape {values.shape}; q has {np.shape(self.q)}"
+                    f"state.{what} has shape {values.shape}: must be that of q, {self.q.shape}"
                 )
-            if not (np.abs(values) <= GREATEST).all():
-                raise InvalidRequestError(
-                    f"{what} of a state is {values.tolist()}: must be finite, at most {GREATEST:g}"
-                )
-            object.__setattr__(self, what, values)
 
     @property
     def moving(self) -> bool:
@@ -76,8 +80,20 @@ class State:
         return all(float(np.abs(a - b).max()) <= most for a, b in pairs)
 
 
+def _growing(times: FloatArray) -> FloatArray:
+    if len(times) and times[0] != 0.0:
+        raise refuse(f"begin at {times[0]:g}; they must begin at 0 [s]")
+    if (short := np.flatnonzero(np.diff(times) < SHORTEST_STEP)).size:
+        row = int(short[0])
+        raise refuse(
+            f"do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s; "
+            f"they must by {SHORTEST_STEP:g} s"
+        )
+    return times
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class Trajectory(Shown):
+class Trajectory(Shown, Validated):
     r"""A curve of n joints in time, with continuous positions, velocities and accelerations.
 
     T rows define the curve. Between two rows, a time h apart, each joint follows the quintic
@@ -101,16 +117,16 @@ class Trajectory(Shown):
             finite, times that do not begin at 0 or do not grow, or a wrong number of names.
     """
 
-    times: FloatArray
-    positions: FloatArray
-    velocities: FloatArray
-    accelerations: FloatArray
+    times: Annotated[Values, AfterValidator(_growing)]
+    positions: Rows
+    velocities: Rows
+    accelerations: Rows
     joint_names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        names = tuple(self.joint_names)
-        times, shape = _times(self.times), np.shape(self.positions)
-        if len(shape) != 2 or shape[0] < 2:
+        super().__post_init__()
+        names, times, shape = self.joint_names, self.times, self.positions.shape
+        if shape[0] < 2:
             raise InvalidRequestError(
                 f"a trajectory needs at least 2 waypoints as (T, n); got shape {shape}"
             )
@@ -118,27 +134,12 @@ class Trajectory(Shown):
             raise InvalidRequestError(f"{len(names)} joint names for {shape[1]} columns")
         if len(times) != shape[0]:
             raise InvalidRequestError(f"{len(times)} times for {shape[0]} waypoints")
-        object.__setattr__(self, "times", times)
-        object.__setattr__(self, "joint_names", names)
-        for what in ("positions", "velocities", "accelerations"):
-            values = frozen(getattr(self, what))
+        for what in ("velocities", "accelerations"):
+            values = getattr(self, what)
             if values.shape != shape:
                 raise InvalidRequestError(
                     f"{what} have shape {values.shape}; positions have {shape}"
                 )
-            usable = np.abs(values) <= GREATEST
-            if not usable.all():
-                row, joint = (int(i) for i in np.argwhere(~usable)[0])
-                value = values[row, joint]
-                wrong = (
-                    f"{value:g}: must be at most {GREATEST:g}"
-                    if np.isfinite(value)
-                    else "not finite"
-                )
-                raise InvalidRequestError(
-                    f"{what}: the value at waypoint {row}, {names[joint]} is {wrong}"
-                )
-            object.__setattr__(self, what, values)
 
     @classmethod
     def through(
@@ -162,9 +163,7 @@ class Trajectory(Shown):
         """
         q = np.asarray(positions, dtype=np.float64)
         if isinstance(times, float | int):
-            if not (np.isfinite(times) and times > 0):
-                raise InvalidRequestError(f"dt is {times}; it must be positive [s]")
-            at = np.asarray(np.arange(len(q)) * float(times))
+            at = np.asarray(np.arange(len(q)) * value("dt", times, Positive))
         else:
             at = times
         still = np.zeros_like(q)
@@ -250,21 +249,6 @@ def chained(parts: Sequence[Trajectory]) -> Trajectory:
     rows = [part.rows(r) for part, r in zip(parts, which, strict=True)]
     q, v, a = (np.concatenate(one) for one in zip(*rows, strict=True))
     return Trajectory(np.concatenate(times), q, v, a, parts[0].joint_names)
-
-
-def _times(values: FloatArray) -> FloatArray:
-    times = frozen(values)
-    if times.ndim != 1 or not (np.abs(times) <= GREATEST).all():
-        raise InvalidRequestError(f"times must be finite, at most {GREATEST:g}, as (T,) [s]")
-    if len(times) and times[0] != 0.0:
-        raise InvalidRequestError(f"times begin at {times[0]:g}; they must begin at 0 [s]")
-    if (short := np.flatnonzero(np.diff(times) < SHORTEST_STEP)).size:
-        row = int(short[0])
-        raise InvalidRequestError(
-            f"times do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s; "
-            f"they must by {SHORTEST_STEP:g} s"
-        )
-    return times
 
 
 def derivatives(

@@ -10,10 +10,11 @@ their unit says ``or inf``. A bool is no number, nor is a text; a whole number i
 """
 
 import functools
+import math
 import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
-from types import UnionType
+from types import EllipsisType, UnionType
 from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -44,12 +45,12 @@ def refuse(what: str, at: str = "") -> PydanticCustomError:
 
 
 class Array:
-    """In an annotation: a read-only array of finite numbers, of a shape (None: any size).
+    """In an annotation: a read-only array of finite numbers, of a shape (None: any size; ...: any).
 
     ``most``: largest size of a number.
     """
 
-    def __init__(self, *shape: int | None, most: float = np.inf) -> None:
+    def __init__(self, *shape: int | EllipsisType | None, most: float = np.inf) -> None:
         self.shape, self.most = shape, most
 
     def read(self, values: ArrayLike) -> FloatArray:
@@ -59,17 +60,21 @@ class Array:
         except (TypeError, ValueError, OverflowError):
             raise refuse(f"is {values!r:.60}: must be finite numbers") from None
         if array.shape != self.shape and not self._fits(array.shape):
-            wanted = ", ".join("n" if size is None else str(size) for size in self.shape)
-            wanted += "," if len(self.shape) == 1 else ""
+            letters = iter("ikn"[-self.shape.count(None) :])
+            wanted = ", ".join(next(letters) if n is None else str(n) for n in self.shape)
+            wanted += "," * (len(self.shape) == 1)
             raise refuse(f"has shape {array.shape}: must be ({wanted})")
         within = np.abs(array) <= self.most if self.most < np.inf else None
         if not (all_finite(array) if within is None else within.all()):
-            at = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= self.most))[0])
+            wrong = ~np.isfinite(array) | (np.abs(array) > self.most)
+            at = tuple(int(i) for i in np.argwhere(wrong)[0])
             wanted = f"at most {self.most:g}" if np.isfinite(array[at]) else "finite"
-            raise refuse(f"is {array[at]}: must be {wanted}", "".join(f"[{i}]" for i in at))
+            raise refuse(f"is {array[at]}: must be {wanted}", f"{list(at) or ''}")
         return array
 
     def _fits(self, shape: tuple[int, ...]) -> bool:
+        if self.shape == (...,):
+            return True
         sizes = zip(self.shape, shape, strict=False)
         return len(shape) == len(self.shape) and all(want in (None, have) for want, have in sizes)
 
@@ -78,11 +83,20 @@ class Array:
 
 
 def array(
-    name: str, values: ArrayLike, *shape: int | None, most: float = np.inf,
+    name: str, values: ArrayLike, *shape: int | EllipsisType | None, most: float = np.inf,
     error: type[OptiPrompError] = InvalidRequestError,
 ) -> FloatArray:  # fmt: skip
     """``values`` as an :class:`Array`; ``name`` begins the ``error``."""
     return read_by(Array(*shape, most=most).read, name, values, error)
+
+
+def direction(values: ArrayLike) -> FloatArray:
+    """``values`` (3,) normalised; a validator, which refuses a length of 0."""
+    vector = Array(3).read(values)
+    length = math.hypot(*vector)
+    if not length > 0.0:
+        raise refuse(f"is {vector.tolist()}: must have a direction")
+    return frozen(vector / length)
 
 
 def read_by(
@@ -247,12 +261,11 @@ class _Instance:
 
 
 def notes(hint: Any) -> Iterator[Any]:
-    """The metadata of an annotation, also of the parts of a union."""
+    """The metadata of an annotation and of its parts."""
     if get_origin(hint) is Annotated:
         yield from hint.__metadata__
-    if get_origin(hint) in (Annotated, UnionType, Union):
-        for one in get_args(hint):
-            yield from notes(one)
+    for one in get_args(hint):
+        yield from notes(one)
 
 
 def _told(found: Sequence[ErrorDetails], given: Any, hint: Any) -> str:
@@ -272,13 +285,16 @@ def _told(found: Sequence[ErrorDetails], given: Any, hint: Any) -> str:
     if error["type"] == "refused":
         return f"{path}{error['msg']}"
     if error["type"] in ("missing", "too_long"):  # of a tuple of so many
-        context = error.get("ctx", {"max_length": int(found[-1]["loc"][-1]) + 1})
-        return f"{path} has {len(value)} entries: must have {context['max_length']}"
+        end = found[-1]
+        count = end["ctx"]["max_length"] if "ctx" in end else int(end["loc"][-1]) + 1
+        return f"{path} has {len(value)} entries: must have {count}"
     told = list(notes(hint))
-    unit = next((f" [{one.unit}]" for one in told if isinstance(one, Unit) and one.unit != "1"), "")
+    units = [one.unit for one in told if isinstance(one, Unit) and one.unit not in ("", "1")]
     wanted = dict.fromkeys(wrong(one, value, told).removeprefix(_MUST) for one in found)
     must = "" if found[0]["type"] == "literal_error" else _MUST
-    return f"{path} is {short(value)}: {must}{' or '.join(wanted)}{unit}"
+    return (
+        f"{path} is {short(value)}: {must}{' or '.join(wanted)}{f' [{units[0]}]' if units else ''}"
+    )
 
 
 _MUST = "must be "

@@ -4,17 +4,18 @@ import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
+from typing import Annotated
 
-import numpy as np
+from annotated_types import Unit
 
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.values import Validated
 
 PERIOD = 0.02  # [s] between two calls of a source, chosen: a camera's 50 Hz
 
 
 @dataclass(frozen=True, eq=False)
-class Stretch:
+class Stretch(Validated, label="stretch."):
     """A curve that takes over from the running one at a time of the executor.
 
     Args:
@@ -26,15 +27,7 @@ class Stretch:
     """
 
     curve: Trajectory
-    begins: float
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.curve, Trajectory):
-            raise InvalidRequestError(
-                f"the curve of a stretch is a {type(self.curve).__name__}, not a Trajectory"
-            )
-        if not np.isfinite(self.begins):
-            raise InvalidRequestError(f"a stretch begins at {self.begins}; it must be finite [s]")
+    begins: Annotated[float, Unit("s")]
 
     def at(self, time: float) -> State:
         """The state at the executor's time ``time`` [s]; after the end that of the last row."""

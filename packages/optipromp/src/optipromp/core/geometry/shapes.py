@@ -10,16 +10,18 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from contextlib import suppress
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le, Unit
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import faces
+from optipromp.core.values import Array, Validated
 
 FARTHEST = 1e6  # [m, rad] largest number in a scene; products of larger ones overflow
 LEAST = 1e-7  # [m] least size of a shape, chosen: corners within a nanometre count as one
@@ -35,18 +37,8 @@ _LEVEL = np.array([[math.cos(k), math.sin(k), 0.0] for k in np.arange(RAYS) * 2.
 CONVEX = 0.02  # [-] share of the hull's volume that a convex mesh may lack
 
 
-def _positive(shape: str, name: str, value: float) -> float:
-    number = float(value)
-    if not 0.0 < number <= FARTHEST:
-        raise InvalidSceneError(
-            f"{shape} {name} is {number:g}: must be finite and above 0 [m], at most {FARTHEST:g}"
-        )
-    if number < LEAST:
-        raise InvalidSceneError(
-            f"{shape} {name} is {number:g} m: must be at least {LEAST:g}; is the scale right? It "
-            "is 1 for metres, 0.001 for millimetres"
-        )
-    return number
+Rows = Annotated[FloatArray, Array(None, 3, most=FARTHEST)]
+Size = Annotated[float, Ge(LEAST), Le(FARTHEST), Unit("m; is the scale right? 0.001: millimetres")]
 
 
 class Measure(NamedTuple):
@@ -165,22 +157,15 @@ class Shape(ABC):
 
 
 @dataclass(frozen=True)
-class Primitive(Shape):
+class Primitive(Shape, Validated, error=InvalidSceneError):
     """A shape given by sizes above 0, each a number or three numbers along x, y, z."""
 
-    def __post_init__(self) -> None:
-        shape = type(self).__name__.lower()
-        for item in fields(self):
-            name, given = item.name, getattr(self, item.name)
-            if item.type in ("float", float):
-                object.__setattr__(self, name, _positive(shape, name, given))
-                continue
-            sizes = tuple(float(size) for size in given)
-            if len(sizes) != 3:
-                raise InvalidSceneError(f"{shape} {name} has {len(sizes)} entries: must have 3 [m]")
-            for index, size in enumerate(sizes):
-                _positive(shape, f"{name}[{index}]", size)
-            object.__setattr__(self, name, sizes)
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__(label=f"{cls.__name__.lower()} ")
+
+    @classmethod
+    def _limited(cls, name: str, hint: Any) -> Any:
+        return {float: Size, tuple[float, float, float]: tuple[Size, Size, Size]}.get(hint, hint)
 
     def balls(self, line: FloatArray) -> BallPair:
         """A single ball that holds the shape."""
@@ -355,7 +340,7 @@ PRIMITIVES: dict[str, Any] = {
 
 
 @dataclass(frozen=True, eq=False)
-class MeshShape(Shape):
+class MeshShape(Shape, Validated, error=InvalidSceneError):
     """A closed triangle mesh.
 
     Args:
@@ -365,16 +350,19 @@ class MeshShape(Shape):
         scale: the factor from the file's unit to metres, already applied to ``vertices``.
     """
 
-    vertices: FloatArray
+    vertices: Rows
     faces: IntArray
     path: Path | None = None
     scale: float = 1.0
 
     def __post_init__(self) -> None:
         name = f"mesh {self.path}" if self.path is not None else "mesh"
-        vertices = frozen(self.vertices)
-        faces = frozen(self.faces, np.int64)
-        _rows_of_three(name, "vertices", vertices, "V", 4)
+        super().__post_init__(f"{name}: ")
+        vertices, faces = self.vertices, frozen(self.faces, np.int64)
+        if len(vertices) < 4:
+            raise InvalidSceneError(
+                f"{name}: vertices has {len(vertices)} rows: must have 4 or more"
+            )
         if faces.ndim != 2 or faces.shape[1] != 3 or len(faces) < 4:
             raise InvalidSceneError(
                 f"{name}: faces have shape {faces.shape}: must be (F, 3), F >= 4"
@@ -384,7 +372,6 @@ class MeshShape(Shape):
                 f"{name}: face indices span {faces.min()} to {faces.max()}: "
                 f"must lie in 0 to {len(vertices) - 1}"
             )
-        object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
 
     def mesh(self, around: int = 24) -> MeshShape:
@@ -393,7 +380,7 @@ class MeshShape(Shape):
 
 
 @dataclass(frozen=True, eq=False)
-class PointCloudShape(Shape):
+class PointCloudShape(Shape, Validated, error=InvalidSceneError):
     """Points, each the centre of a ball of ``radius`` [m].
 
     Args:
@@ -403,17 +390,16 @@ class PointCloudShape(Shape):
         scale: the factor from the file's unit to metres, already applied to ``points``.
     """
 
-    points: FloatArray
-    radius: float
+    points: Rows
+    radius: Size
     path: Path | None = None
     scale: float = 1.0
 
     def __post_init__(self) -> None:
         name = f"point cloud {self.path}" if self.path is not None else "point cloud"
-        points = frozen(self.points)
-        _rows_of_three(name, "points", points, "N", 1)
-        object.__setattr__(self, "radius", _positive(name, "radius", self.radius))
-        object.__setattr__(self, "points", points)
+        super().__post_init__(f"{name}: ")
+        if not len(self.points):
+            raise InvalidSceneError(f"{name}: points has no rows: must have 1 or more")
 
     def _measured(self) -> Measure:
         bound = float(np.sqrt((self.points**2).sum(axis=1).max())) + self.radius
@@ -434,19 +420,6 @@ class PointCloudShape(Shape):
     def mesh(self, around: int = 24) -> MeshShape:
         """Refused: the surface between the points is unknown."""
         raise InvalidSceneError("a point cloud has no mesh")
-
-
-def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least: int) -> None:
-    if values.ndim != 2 or values.shape[1] != 3 or len(values) < least:
-        raise InvalidSceneError(
-            f"{name}: {what} have shape {values.shape}: must be ({letter}, 3), {letter} >= {least}"
-        )
-    bad = np.flatnonzero(~(np.abs(values) <= FARTHEST).all(axis=1))
-    if bad.size:
-        row, one = values[bad[0]].tolist(), {"vertices": "vertex", "points": "point"}[what]
-        raise InvalidSceneError(
-            f"{name}: {one} {bad[0]} is {row}: must be finite, at most {FARTHEST:g}"
-        )
 
 
 def _single_ball(shape: Shape, line: FloatArray) -> BallPair:

@@ -2,19 +2,22 @@
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Le
 from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.promp.checks import phase_array, positive
+from optipromp.core.promp.checks import phase_array
+from optipromp.core.values import Positive, Validated
 
 MOST_BASES = 200  # the covariance of the weights of 7 joints then takes 16 MB
 
 
 @dataclass(frozen=True)
-class Basis:
+class Basis(Validated, label="basis "):
     r"""Normalised Gaussian bases on the phase z in [0, 1].
 
     .. math:: \phi_i(z) = \frac{b_i(z)}{\sum_k b_k(z)}, \quad
@@ -33,29 +36,17 @@ class Basis:
         InvalidRequestError: a value outside its range.
     """
 
-    count: int = 5
-    width: float = 4.0
-    outside: int = 1
+    count: Annotated[int, Le(MOST_BASES)] = 5
+    width: Positive = 4.0
+    outside: Annotated[int, Ge(0)] = 1
 
     def __post_init__(self) -> None:
-        for name in ("count", "outside"):
-            value = getattr(self, name)
-            if not isinstance(value, (int, np.integer)) or isinstance(value, bool):
-                raise InvalidRequestError(f"basis {name} must be an integer, got {value!r}")
-            object.__setattr__(self, name, int(value))
-        if self.outside < 0:
-            raise InvalidRequestError(f"basis outside must be at least 0, got {self.outside}")
-        if self.count > MOST_BASES:
-            raise InvalidRequestError(
-                f"basis count is {self.count}: must be at most {MOST_BASES} (the covariance of an "
-                "arm's weights grows with its square)"
-            )
+        super().__post_init__()
         if self.count < 2 * self.outside + 2:
             raise InvalidRequestError(
                 f"basis count must be at least {2 * self.outside + 2} with {self.outside} outside "
                 f"on each side, got {self.count}"
             )
-        object.__setattr__(self, "width", positive(self.width, "basis width"))
 
     @property
     def spacing(self) -> float:

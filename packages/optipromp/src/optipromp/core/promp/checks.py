@@ -6,14 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import FloatArray, all_finite
-from optipromp.core.errors import (
-    InvalidDemonstrationError,
-    InvalidRequestError,
-    OptiPrompError,
-    is_name,
-    no_name,
-)
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
+from optipromp.core.values import Name, array, value
 
 PHASE_TOLERANCE = 1e-9
 """[-] Phases no farther apart are one phase, and may lie so far outside [0, 1] (rounding)."""
@@ -40,25 +35,6 @@ class UnitsWarning(UserWarning):
     """Values so large that they look like degrees or millimetres."""
 
 
-def finite_array(
-    values: ArrayLike,
-    name: str,
-    ndim: int | None = None,
-    error: type[OptiPrompError] = InvalidRequestError,
-) -> FloatArray:
-    """A float64 copy; anything but finite numbers of the right rank raises ``error``."""
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as cause:
-        raise error(f"{name}: expected numbers in a regular array ({cause})") from None
-    if ndim is not None and array.ndim != ndim:
-        raise error(f"{name}: expected {ndim} dimension(s), got shape {array.shape}")
-    if not all_finite(array):
-        index = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise error(f"{name}{list(index)} is {array[index]}; every value must be finite")
-    return array
-
-
 def phase_array(phases: int | ArrayLike) -> FloatArray:
     """Phases (T,) in [0, 1]: an integer T stands for T evenly spaced ones, a float for one."""
     if isinstance(phases, (bool, np.bool_)):
@@ -67,28 +43,14 @@ def phase_array(phases: int | ArrayLike) -> FloatArray:
         if phases < 1:
             raise InvalidRequestError(f"phases: a count must be at least 1, got {phases}")
         return np.linspace(0.0, 1.0, int(phases))
-    try:
-        array = np.atleast_1d(np.asarray(phases, dtype=np.float64))
-    except (TypeError, ValueError) as cause:
-        raise InvalidRequestError(f"phases: expected numbers ({cause})") from None
-    if array.ndim != 1:
-        raise InvalidRequestError(f"phases: expected shape (T,), got {array.shape}")
-    inside = (array >= -PHASE_TOLERANCE) & (array <= 1.0 + PHASE_TOLERANCE)  # False for NaN
+    found = np.atleast_1d(array("phases", phases, ...))
+    if found.ndim != 1:
+        raise InvalidRequestError(f"phases has shape {found.shape}: must be (T,)")
+    inside = (found >= -PHASE_TOLERANCE) & (found <= 1.0 + PHASE_TOLERANCE)
     if not inside.all():
         index = int(np.argmin(inside))
-        raise InvalidRequestError(f"phases[{index}] is {array[index]}; a phase lies in [0, 1]")
-    return array
-
-
-def positive(value: float, name: str) -> float:
-    """``value`` as a float if it is finite and above zero, else ``InvalidRequestError``."""
-    try:
-        number = float(value)
-    except (TypeError, ValueError, OverflowError):
-        raise InvalidRequestError(f"{name} must be a number above 0, got {value!r}") from None
-    if not (np.isfinite(number) and number > 0.0):
-        raise InvalidRequestError(f"{name} must be finite and above 0, got {value}")
-    return number
+        raise InvalidRequestError(f"phases[{index}] is {found[index]}; a phase lies in [0, 1]")
+    return found
 
 
 def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
@@ -98,9 +60,7 @@ def names_for(names: Sequence[str], count: int) -> tuple[str, ...]:
     result = tuple(str(name) for name in names) or tuple(f"joint_{j + 1}" for j in range(count))
     if len(result) != count:
         raise InvalidRequestError(f"joint_names: expected {count} names, got {len(result)}")
-    for name in result:
-        if not is_name(name):
-            raise InvalidRequestError(f"joint_names: {no_name(name)}")
+    value("joint_names", result, tuple[Name, ...])
     if len(set(result)) != count:
         twice = next(name for name in result if result.count(name) > 1)
         raise InvalidRequestError(f"joint_names: {twice!r} appears twice")

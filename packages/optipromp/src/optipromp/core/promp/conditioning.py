@@ -12,10 +12,11 @@ from numpy.typing import ArrayLike
 from optipromp.core.arrays import FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.promp.basis import Basis
-from optipromp.core.promp.checks import PHASE_TOLERANCE, ConditioningWarning, finite_array
+from optipromp.core.promp.checks import PHASE_TOLERANCE, ConditioningWarning
 from optipromp.core.promp.gaussian import Update, factorise, observed
 from optipromp.core.promp.model import ProMP, trusted
 from optipromp.core.promp.tasks import JointPoint, Point, Rows, Search, TaskMap, TaskPoint
+from optipromp.core.values import array
 
 REACH_TOLERANCE = 1e-8
 """[rad or m] Exact points that cannot be met to this tolerance contradict each other."""
@@ -262,7 +263,7 @@ def _condition_tasks(
     search = Search(rows, task_map, values @ promp.mean.T, spread)
     start = np.zeros((m, n))
     if initial is not None:
-        weights = finite_array(initial, "initial")
+        weights = array("initial", initial, ...)
         if weights.size != size:
             raise InvalidRequestError(f"initial: expected {size} weights, got {weights.size}")
         start = _multipliers(promp, weights.reshape(1, n, count), values, spread)[0]

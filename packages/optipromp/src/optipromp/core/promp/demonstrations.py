@@ -5,18 +5,19 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import overload
+from typing import Annotated, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from optipromp.core.arrays import BoolArray, FloatArray, read_only
+from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.documents import read_document, read_table
 from optipromp.core.errors import InvalidDemonstrationError, OptiPrompError, installed_by
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp import checks
 from optipromp.core.robots.measured import parts_in_time
 from optipromp.core.robots.turns import BEYOND_LIMITS, TURN, WRAP, Turns, unwrapped
+from optipromp.core.values import Array, Validated
 
 _LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
 _BLUNDER = 1.0  # [rad or m] farther beyond a limit no arm leans, and degrees are
@@ -27,7 +28,7 @@ _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or
 
 
 @dataclass(frozen=True, eq=False)
-class Demonstration:
+class Demonstration(Validated, error=InvalidDemonstrationError):
     """One recorded movement, complete or partial.
 
     Args:
@@ -40,18 +41,13 @@ class Demonstration:
         InvalidDemonstrationError: an invalid value; the message names index and value.
     """
 
-    times: FloatArray
-    positions: FloatArray
+    times: Annotated[FloatArray, Array(None)]
+    positions: Annotated[FloatArray, Array(None, None, most=_LARGEST_JOINT)]
     span: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        error = InvalidDemonstrationError
-        times = checks.finite_array(self.times, "times", 1, error)
-        positions = checks.finite_array(self.positions, "positions", 2, error)
-        if positions.size and np.abs(positions).max() > _LARGEST_JOINT:
-            raise error(
-                f"positions reach {np.abs(positions).max():g}: must be at most {_LARGEST_JOINT:g}"
-            )
+        super().__post_init__()
+        error, times, positions = InvalidDemonstrationError, self.times, self.positions
         if positions.shape[0] != times.size or positions.shape[1] == 0:
             raise error(
                 f"positions: expected shape ({times.size}, n), one row per time, "
@@ -63,21 +59,13 @@ class Demonstration:
         if (steps <= 0.0).any():
             i = int(np.argmax(steps <= 0.0)) + 1
             raise error(f"times must increase: times[{i}] = {times[i]} after {times[i - 1]}")
-        span = self.span
-        if span is not None:
-            bounds = checks.finite_array(span, "span", 1, error)
-            if bounds.size != 2:
-                raise error(f"span: expected a start and an end time, got {bounds.tolist()}")
-            start, end = float(bounds[0]), float(bounds[1])
+        if self.span is not None:
+            start, end = self.span
             slack = checks.PHASE_TOLERANCE * (end - start)
             if not (start < end and start - slack <= times[0] and times[-1] <= end + slack):
                 raise error(
                     f"span ({start}, {end}) must enclose the times {times[0]} to {times[-1]}"
                 )
-            span = (start, end)
-        object.__setattr__(self, "times", read_only(times))
-        object.__setattr__(self, "positions", read_only(positions))
-        object.__setattr__(self, "span", span)
 
     @property
     def phases(self) -> FloatArray:

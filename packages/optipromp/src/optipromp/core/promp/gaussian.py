@@ -9,16 +9,14 @@ from numpy.typing import ArrayLike
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import kernel
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.promp.checks import finite_array
+from optipromp.core.values import array
 
 RANK_TOLERANCE = 1e-11  # [-] a direction with a smaller share of the variance counts as having none
 
 
 def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:
     """A symmetric copy (size, size) of a positive semi-definite matrix, which may be singular."""
-    matrix = finite_array(covariance, name, 2)
-    if matrix.shape != (size, size):
-        raise InvalidRequestError(f"{name}: expected shape ({size}, {size}), got {matrix.shape}")
+    matrix = array(name, covariance, size, size)
     scale = float(np.abs(matrix).max(initial=0.0))
     asymmetry = float(np.abs(matrix - matrix.T).max(initial=0.0))
     if asymmetry > 1e-8 * scale:

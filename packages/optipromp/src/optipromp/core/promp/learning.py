@@ -19,6 +19,7 @@ from optipromp.core.promp.conditioning import conditioned_mean
 from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
 from optipromp.core.promp.gaussian import add_noise, square_root
 from optipromp.core.promp.model import ProMP, made
+from optipromp.core.values import Positive, array, value
 
 DemonstrationsLike = Demonstrations | Sequence[Demonstration] | Sequence[ArrayLike] | FloatArray
 """Demonstrations, a sequence of arrays (m_i, n), or one array (N, T, n)."""
@@ -103,7 +104,7 @@ def fit(
         InvalidRequestError: another argument out of range.
     """
     basis = basis or Basis()
-    ridge = checks.positive(ridge, "ridge")
+    ridge = value("ridge", ridge, Positive)
     samples = gather(demonstrations, joint_names)
     complete(samples)
     short = [i for i, phases in enumerate(samples.phases) if phases.size < basis.count]
@@ -272,10 +273,10 @@ def gather(demonstrations: DemonstrationsLike, joint_names: Sequence[str] | None
         items = []
         for i, item in enumerate(demonstrations):
             if not isinstance(item, Demonstration):
-                array = checks.finite_array(item, f"demonstration {i}", 2, error)
-                if array.shape[0] < 2:
-                    raise error(f"demonstration {i} needs at least 2 samples, got {len(array)}")
-                item = Demonstration(np.linspace(0.0, 1.0, len(array)), array)
+                given = array(f"demonstration {i}", item, None, None, error=error)
+                if len(given) < 2:
+                    raise error(f"demonstration {i} needs at least 2 samples, got {len(given)}")
+                item = Demonstration(np.linspace(0.0, 1.0, len(given)), given)
             items.append(item)
         demonstrations = Demonstrations(tuple(items))
     names = checks.names_for(joint_names or demonstrations.joint_names, demonstrations.n_joints)
@@ -293,7 +294,9 @@ def _stacked(demonstrations: DemonstrationsLike) -> FloatArray | None:
     if isinstance(demonstrations, np.ndarray):
         if demonstrations.ndim != 3:
             return None
-        return checks.finite_array(demonstrations, "demonstrations", 3, InvalidDemonstrationError)
+        return array(
+            "demonstrations", demonstrations, None, None, None, error=InvalidDemonstrationError
+        )
     if not isinstance(demonstrations, list | tuple) or not demonstrations:
         return None
     if not all(

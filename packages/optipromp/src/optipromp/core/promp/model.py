@@ -14,9 +14,10 @@ from optipromp.core.arrays import FloatArray, read_only
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import is_file, npz, read_npz, reading, texts, write_atomically
 from optipromp.core.promp.basis import Basis
-from optipromp.core.promp.checks import finite_array, matching_columns, names_for, positive
+from optipromp.core.promp.checks import matching_columns, names_for
 from optipromp.core.promp.gaussian import check_covariance, square_root
 from optipromp.core.shown import Shown
+from optipromp.core.values import Positive, array, value
 
 PROMP_FORMAT = 1
 LARGEST_WEIGHT = 1e9  # [rad or m] products of larger weights overflow
@@ -54,7 +55,7 @@ class ProMP(Shown):
         if not isinstance(self.basis, Basis):
             raise InvalidRequestError(f"basis: expected a Basis, got {type(self.basis).__name__}")
         count = self.basis.count
-        mean = finite_array(self.mean, "mean")
+        mean = array("mean", self.mean, ...)
         if mean.ndim == 1 and mean.size and mean.size % count == 0:
             mean = mean.reshape(-1, count)
         if mean.ndim != 2 or mean.shape[0] == 0 or mean.shape[1] != count:
@@ -63,7 +64,7 @@ class ProMP(Shown):
             )
         n = mean.shape[0]
         covariance = check_covariance(self.covariance, n * count, "covariance")
-        noise = finite_array(self.noise, "noise")
+        noise = array("noise", self.noise, ...)
         if noise.shape not in ((), (n,)) or (noise < 0.0).any():
             raise InvalidRequestError(f"noise: expected {n} variances >= 0, got {noise.tolist()}")
         for name, values, power in (
@@ -108,14 +109,14 @@ class ProMP(Shown):
 
     def trajectory(self, weights: ArrayLike, phases: int | ArrayLike) -> FloatArray:
         """Positions (..., T, n) of weights (..., n, K) or (nK,)."""
-        array = finite_array(weights, "weights")
-        if array.shape == (self.n_weights,):
-            array = array.reshape(self.mean.shape)
-        if array.ndim < 2 or array.shape[-2:] != self.mean.shape:
+        given = array("weights", weights, ...)
+        if given.shape == (self.n_weights,):
+            given = given.reshape(self.mean.shape)
+        if given.ndim < 2 or given.shape[-2:] != self.mean.shape:
             raise InvalidRequestError(
-                f"weights: expected (..., {self.n_joints}, {self.basis.count}), got {array.shape}"
+                f"weights: expected (..., {self.n_joints}, {self.basis.count}), got {given.shape}"
             )
-        return np.asarray(self.basis.evaluate(phases) @ np.swapaxes(array, -1, -2))
+        return np.asarray(self.basis.evaluate(phases) @ np.swapaxes(given, -1, -2))
 
     def marginals(
         self,
@@ -137,7 +138,7 @@ class ProMP(Shown):
         Raises:
             InvalidRequestError: a phase outside [0, 1], another derivative, duration <= 0.
         """
-        rate = 1.0 / positive(duration, "duration") ** derivative
+        rate = 1.0 / value("duration", duration, Positive) ** derivative
         values = rate * self.basis.evaluate(phases, derivative)
         n, count = self.mean.shape
         pairs = (values[:, :, None] * values[:, None, :]).reshape(-1, count * count)

@@ -22,18 +22,33 @@ of least change.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+from annotated_types import Ge, Le
+from pydantic import PlainValidator
 
 from optipromp.core.arrays import BoolArray, FloatArray, all_finite, read_only
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.promp.checks import finite_array, phase_array
+from optipromp.core.promp.checks import phase_array
 from optipromp.core.promp.gaussian import check_covariance, observed
+from optipromp.core.values import Array, NotNegative, Validated, direction, value
+
+
+def _phase(phase: float) -> float:
+    if isinstance(phase, float) and 0.0 <= phase <= 1.0:
+        return float(phase)
+    array = phase_array(phase if np.ndim(phase) else float(phase))
+    if array.size != 1:
+        raise InvalidRequestError(f"phase: expected one number, got {phase}")
+    return min(max(float(array[0]), 0.0), 1.0)
+
+
+Phase = Annotated[float, PlainValidator(_phase)]
 
 
 @dataclass(frozen=True, eq=False)
-class JointPoint:
+class JointPoint(Validated, label="joint point "):
     """The joint positions at a phase: y(z) ~ N(value, covariance).
 
     Args:
@@ -48,19 +63,15 @@ class JointPoint:
             is not positive semi-definite.
     """
 
-    phase: float
-    value: FloatArray
+    phase: Phase
+    value: Annotated[FloatArray, Array(None)]
     covariance: FloatArray | float | None = None
-    derivative: int = 0
+    derivative: Annotated[int, Ge(0), Le(2)] = 0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "phase", _phase(self.phase))
-        value = read_only(finite_array(self.value, "joint point value", 1))
-        object.__setattr__(self, "value", value)
-        covariance = _covariance(self.covariance, value.size, "joint point covariance")
+        super().__post_init__()
+        covariance = _covariance(self.covariance, self.value.size, "joint point covariance")
         object.__setattr__(self, "covariance", covariance)
-        if self.derivative not in (0, 1, 2):
-            raise InvalidRequestError(f"derivative must be 0, 1 or 2, got {self.derivative}")
 
     @property
     def exact(self) -> bool:
@@ -69,7 +80,7 @@ class JointPoint:
 
 
 @dataclass(frozen=True, eq=False)
-class TaskPoint:
+class TaskPoint(Validated, label="task point "):
     """The tool point at a phase, x(z) ~ N(position, covariance), and optionally the tool axis.
 
     Args:
@@ -86,33 +97,16 @@ class TaskPoint:
             0, a covariance that is not positive semi-definite.
     """
 
-    phase: float
-    position: FloatArray
-    axis: FloatArray | None = None
+    phase: Phase
+    position: Annotated[FloatArray, Array(3)]
+    axis: Annotated[FloatArray, PlainValidator(direction)] | None = None
     covariance: FloatArray | float | None = None
-    axis_covariance: float | None = None
+    axis_covariance: NotNegative | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "phase", _phase(self.phase))
-        position = finite_array(self.position, "task point position", 1)
-        if position.shape != (3,):
-            raise InvalidRequestError(f"task point position: expected 3 numbers, got {position}")
-        object.__setattr__(self, "position", read_only(position))
+        super().__post_init__()
         covariance = _covariance(self.covariance, 3, "task point covariance")
         object.__setattr__(self, "covariance", covariance)
-        if self.axis is not None:
-            axis = finite_array(self.axis, "task point axis", 1)
-            length = float(np.linalg.norm(axis))
-            if axis.shape != (3,) or not length > 1e-9:
-                raise InvalidRequestError(
-                    f"task point axis: expected 3 numbers, not all 0, got {axis.tolist()}"
-                )
-            object.__setattr__(self, "axis", read_only(axis / length))
-        if self.axis_covariance is not None:
-            variance = finite_array(self.axis_covariance, "axis_covariance", 0)
-            if variance < 0.0:
-                raise InvalidRequestError(f"axis_covariance must be at least 0, got {variance}")
-            object.__setattr__(self, "axis_covariance", float(variance))
 
     @property
     def exact(self) -> bool:
@@ -123,25 +117,13 @@ class TaskPoint:
 Point = JointPoint | TaskPoint
 
 
-def _phase(phase: float) -> float:
-    if isinstance(phase, float) and 0.0 <= phase <= 1.0:
-        return float(phase)
-    array = phase_array(phase if np.ndim(phase) else float(phase))
-    if array.size != 1:
-        raise InvalidRequestError(f"phase: expected one number, got {phase}")
-    return min(max(float(array[0]), 0.0), 1.0)
-
-
 def _covariance(
     covariance: FloatArray | float | None, size: int, name: str
 ) -> FloatArray | float | None:
     if covariance is None or (type(covariance) is float and 0.0 <= covariance < math.inf):
         return covariance
     if np.ndim(covariance) == 0:
-        variance = float(finite_array(covariance, name, 0))
-        if variance < 0.0:
-            raise InvalidRequestError(f"{name}: a variance must be at least 0, got {variance}")
-        return variance
+        return float(value(name, covariance, NotNegative))
     return read_only(check_covariance(covariance, size, name))
 
 

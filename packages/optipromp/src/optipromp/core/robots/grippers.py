@@ -3,20 +3,23 @@
 import functools
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Gt, Le, Unit
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Box, Cylinder, MeshShape, is_convex, parted
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.tool_geometry import Part, Solid, profile
-from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length
+from optipromp.core.robots.tool_protocol import LARGEST, Distance, Place, Size, Tool, check_length
+from optipromp.core.values import Validated
 
 Vector = tuple[float, float, float]
 
 
-class TwoFingers(Tool):
+class TwoFingers(Validated, Tool):
     """The base class of grippers: two boxes, the fingers, side by side on a box, the body.
 
     The body stands centred on the flange.
@@ -29,16 +32,10 @@ class TwoFingers(Tool):
     turn: float  # [rad] about flange z
 
     def __post_init__(self) -> None:
-        kind, finger, body = self.names
-        for part in (finger, body):
-            for side in ("length", "width", "thickness"):
-                given = getattr(self, f"{part}_{side}")
-                check_length(kind, f"{part}_{side}", given, 0.0, LARGEST, open_below=True)
+        super().__post_init__()
+        kind = self.names[0]
         check_length(kind, "opening", self.opening, 0.0, self._body[1], open_below=True)
         check_length(kind, "depth", self.depth, 0.0, self._finger[2])
-        turn: object = self.turn
-        if isinstance(turn, bool) or not (isinstance(turn, int | float) and math.isfinite(turn)):
-            raise InvalidRequestError(f"tool {kind}: turn is {turn!r}; it must be a number [rad]")
 
     def _size(self, part: str, *sides: str) -> Vector:
         x, y, z = (getattr(self, f"{part}_{side}") for side in sides)
@@ -95,7 +92,7 @@ class TwoFingers(Tool):
 
 
 @dataclass(frozen=True)
-class FingerGripper(TwoFingers):
+class FingerGripper(TwoFingers, label="tool finger_gripper: "):
     """A gripper with two parallel fingers, open. Metres.
 
     Body and fingers are boxes. *Length* is along the tool axis, *width* of the palm and
@@ -117,18 +114,18 @@ class FingerGripper(TwoFingers):
 
     names = "finger_gripper", "finger", "palm"
     opening: float
-    finger_length: float = 0.05
-    finger_width: float = 0.02
-    finger_thickness: float = 0.01
-    palm_length: float = 0.08
-    palm_width: float = 0.10
-    palm_thickness: float = 0.05
+    finger_length: Size = 0.05
+    finger_width: Size = 0.02
+    finger_thickness: Size = 0.01
+    palm_length: Size = 0.08
+    palm_width: Size = 0.10
+    palm_thickness: Size = 0.05
     depth: float = 0.01
-    turn: float = 0.0
+    turn: Annotated[float, Unit("rad")] = 0.0
 
 
 @dataclass(frozen=True)
-class Scissor(TwoFingers):
+class Scissor(TwoFingers, label="tool scissor: "):
     """A scissor of two thin open blades on a body. Metres.
 
     Blades and body are boxes, named and measured as the fingers and the palm of
@@ -146,23 +143,19 @@ class Scissor(TwoFingers):
 
     names = "scissor", "blade", "body"
     opening: float
-    blade_length: float = 0.05
-    blade_width: float = 0.012
-    blade_thickness: float = 0.002
-    body_length: float = 0.10
-    body_width: float = 0.06
-    body_thickness: float = 0.03
+    blade_length: Size = 0.05
+    blade_width: Size = 0.012
+    blade_thickness: Size = 0.002
+    body_length: Size = 0.10
+    body_width: Size = 0.06
+    body_thickness: Size = 0.03
     depth: float = 0.015
-    turn: float = 0.0
-    cut: float = 0.02
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_length("scissor", "cut", self.cut, 0.0, LARGEST, open_below=True)
+    turn: Annotated[float, Unit("rad")] = 0.0
+    cut: Size = 0.02
 
 
 @dataclass(frozen=True)
-class Suction(Tool):
+class Suction(Validated, Tool, label="tool suction: "):
     """A suction cup: a lip at the end of a stem along flange z. Metres.
 
     It takes hold of an object that its lip touches, within ``radius`` of the tool axis and with a
@@ -177,18 +170,15 @@ class Suction(Tool):
             scene file without ``fruit``: the target's radius less :data:`PRESS`.
     """
 
-    radius: float
-    length: float = 0.10
+    radius: Size
+    length: Size = 0.10
     height: float = 0.015
-    angle: float = 30.0
-    fruit: float = 0.015
+    angle: Annotated[float, Gt(0.0), Le(90.0), Unit("degrees")] = 30.0
+    fruit: Distance = 0.015
 
     def __post_init__(self) -> None:
-        check_length("suction", "radius", self.radius, 0.0, LARGEST, open_below=True)
-        check_length("suction", "length", self.length, 0.0, LARGEST, open_below=True)
+        super().__post_init__()
         check_length("suction", "height", self.height, 0.0, self.length, open_below=True)
-        check_length("suction", "fruit", self.fruit, 0.0, LARGEST)
-        check_length("suction", "angle [degrees]", self.angle, 0.0, 90.0, open_below=True)
 
     @property
     def point(self) -> FloatArray:
@@ -226,7 +216,7 @@ MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth, chosen: files hav
 
 
 @dataclass(frozen=True)
-class MeshTool(Tool):
+class MeshTool(Validated, Tool, label="tool mesh: "):
     """A tool of the user's own shape: convex pieces in the flange frame. Metres.
 
     Every connected piece of the meshes must be convex; CoACD and V-HACD cut a mesh into convex
@@ -251,22 +241,14 @@ class MeshTool(Tool):
     """
 
     meshes: tuple[MeshShape, ...]
-    tool_point: Vector
-    tool_axis: Vector = (0.0, 0.0, 1.0)
+    tool_point: Place
+    tool_axis: Place = (0.0, 0.0, 1.0)
     opening: float | None = None
     height: float | None = None
     finger_meshes: tuple[MeshShape, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "meshes", tuple(self.meshes))
-        object.__setattr__(self, "finger_meshes", tuple(self.finger_meshes))
-        for field in ("tool_point", "tool_axis"):
-            values = getattr(self, field)
-            if np.shape(values) != (3,):
-                raise InvalidRequestError(f"tool mesh: {field} is {values!r}; it must be x, y, z")
-            for i, value in enumerate(values):
-                check_length("mesh", f"{field}[{i}]", value, -LARGEST, LARGEST)
-            object.__setattr__(self, field, tuple(values))
+        super().__post_init__()
         if not math.hypot(*self.tool_axis) > 0.0:
             raise InvalidRequestError(
                 f"tool mesh: tool_axis is {self.tool_axis}; it must have a direction"

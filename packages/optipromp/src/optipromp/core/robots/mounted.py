@@ -11,14 +11,8 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import SPHERE, Sphere
 from optipromp.core.robots.tool_geometry import Solid, cover_solids, solids_inertia
-from optipromp.core.robots.tool_protocol import (
-    LARGEST,
-    Tool,
-    check_length,
-    check_tool,
-    outline_of,
-    quaternion,
-)
+from optipromp.core.robots.tool_protocol import Place, Tool, check_tool, outline_of, quaternion
+from optipromp.core.values import Validated
 
 UPRIGHT = (1.0, 0.0, 0.0, 0.0)  # the quaternion of no turn
 _NO_SHAPE = Sphere(1.0)  # of a solid that only turns
@@ -36,7 +30,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Mounted(Tool):
+class Mounted(Validated, Tool, label="tool: mount."):
     """A tool of any class, placed in the flange frame, with what it holds. Metres.
 
     The robot has a further link for each load (:func:`optipromp.core.robots.tools.with_tool`).
@@ -55,7 +49,7 @@ class Mounted(Tool):
     """
 
     tool: Tool
-    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    position: Place = (0.0, 0.0, 0.0)
     orientation: tuple[float, float, float, float] = UPRIGHT
     loads: tuple[Load, ...] = ()
     full: bool = False
@@ -64,14 +58,7 @@ class Mounted(Tool):
     turn = point = rotation = fingers = front = tip = depth = gripper_radius = mouth = _LATER
 
     def __post_init__(self) -> None:
-        for name, count in (("position", 3), ("orientation", 4)):
-            given = getattr(self, name)
-            if np.shape(given) != (count,):
-                wanted = "x, y, z" if count == 3 else "w, x, y, z"
-                raise InvalidRequestError(f"tool: mount.{name} is {given!r}; must be {wanted}")
-            for i, value in enumerate(given):
-                check_length("mount", f"{name}[{i}]", value, -LARGEST, LARGEST)
-            object.__setattr__(self, name, tuple(float(value) for value in given))
+        super().__post_init__()
         length = math.hypot(*self.orientation)
         if not abs(length - 1.0) <= ROUNDED:
             raise InvalidRequestError(

@@ -3,9 +3,10 @@
 import functools
 from abc import abstractmethod
 from collections.abc import Hashable, Iterable
-from typing import Protocol, runtime_checkable
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Unit
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import InvalidRequestError
@@ -18,6 +19,10 @@ from optipromp.core.robots.tool_geometry import (
 )
 
 LARGEST = 5.0  # [m] chosen: a larger dimension of a tool is a number in millimetres
+Size = Annotated[float, Gt(0.0), Le(LARGEST), Unit("m")]
+Distance = Annotated[float, Ge(0.0), Le(LARGEST), Unit("m")]
+Coordinate = Annotated[float, Ge(-LARGEST), Le(LARGEST), Unit("m")]
+Place = tuple[Coordinate, Coordinate, Coordinate]
 
 
 @runtime_checkable

@@ -17,7 +17,15 @@ from optipromp.core.robots.grippers import FingerGripper, MeshTool, Scissor, Suc
 from optipromp.core.robots.model import BodySpheres, Robot, candidate_pairs, drop_always_touching
 from optipromp.core.robots.mounted import Mounted, cover_load, loads_of, unmounted
 from optipromp.core.robots.tool_geometry import Part, Solid, strip
-from optipromp.core.robots.tool_protocol import LARGEST, Tool, check_length, check_tool, quaternion
+from optipromp.core.robots.tool_protocol import (
+    Distance,
+    Size,
+    Tool,
+    check_length,
+    check_tool,
+    quaternion,
+)
+from optipromp.core.values import Validated
 
 TOOL_LINK = "tool"
 WALL = 0.002  # [m] chosen: thickness of a cup's floor, and of its wall by default
@@ -48,7 +56,7 @@ WALLS = 16  # flat pieces of a cup's wall, chosen
 
 
 @dataclass(frozen=True)
-class Cup(Tool):
+class Cup(Validated, Tool, label="tool cup: "):
     """A swallowing gripper: an open cylinder on a slender neck, its axis along flange z. Metres.
 
     The neck (radius 0.01) of ``length`` joins the flange and the cup's base. The wall of outer
@@ -58,17 +66,15 @@ class Cup(Tool):
     cone under the base, from its edge down to the neck [degrees]; 0: the underside is flat.
     """
 
-    radius: float
-    height: float = 0.05
-    length: float = 0.10
+    radius: Size
+    height: Size = 0.05
+    length: Distance = 0.10
     depth: float = 0.02
     opening: float | None = None
     taper: float = 0.0
 
     def __post_init__(self) -> None:
-        check_length("cup", "radius", self.radius, 0.0, LARGEST, open_below=True)
-        check_length("cup", "height", self.height, 0.0, LARGEST, open_below=True)
-        check_length("cup", "length", self.length, 0.0, LARGEST)
+        super().__post_init__()
         check_length("cup", "depth", self.depth, 0.0, self.height)
         if self.opening is not None:
             check_length("cup", "opening", self.opening, 0.0, 2.0 * self.radius, open_below=True)
@@ -153,7 +159,7 @@ class Cup(Tool):
 
 
 @dataclass(frozen=True)
-class FrankaHand(Tool):
+class FrankaHand(Validated, Tool, label="tool franka_hand: "):
     """The Franka hand, open. It is mounted turned by -45 degrees about flange z, as Franka does.
 
     The tool point lies between the finger tips, 0.1034 beyond the flange. Palm and fingers are
@@ -163,12 +169,8 @@ class FrankaHand(Tool):
     """
 
     fingers = True
-    reach: float = 0.1034
-    gripper_radius: float = 0.04  # half of the 0.08 m between the open fingers
-
-    def __post_init__(self) -> None:
-        for name in ("reach", "gripper_radius"):
-            check_length("franka_hand", name, getattr(self, name), 0.0, LARGEST, open_below=True)
+    reach: Size = 0.1034
+    gripper_radius: Size = 0.04  # half of the 0.08 m between the open fingers
 
     def spheres(self) -> FloatArray:
         left = np.array(FINGER_SPHERES) + [self.gripper_radius, FINGERS, 0.0]

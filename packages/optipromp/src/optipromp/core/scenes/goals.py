@@ -18,7 +18,8 @@ from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.pose import Direction, Framed, Point, Pose, Turn
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion
-from optipromp.core.scenes.values import Array, Length, direction
+from optipromp.core.scenes.values import Array, Length
+from optipromp.core.values import direction
 
 WITHIN = 1e-3  # [m] distance of the tool point from a goal without a tolerance; method §5
 ANGLE = 2.0  # [degrees] the same of the tool's axis or orientation; method §5

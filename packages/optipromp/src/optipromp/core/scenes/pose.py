@@ -16,7 +16,7 @@ from optipromp.core import values
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import Array, direction
+from optipromp.core.scenes.values import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,9 @@ class Quantity:
 POINTS = Quantity(Array(None, 3).read, lambda pose, points: pose @ points)
 Point = Annotated[FloatArray, Quantity(Array(3).read, POINTS.moved)]
 Span = Annotated[FloatArray, Quantity(Array(3).read, lambda pose, span: pose.rotation @ span)]
-Direction = Annotated[FloatArray, Quantity(direction, lambda pose, span: pose.rotation @ span)]
+Direction = Annotated[
+    FloatArray, Quantity(values.direction, lambda pose, span: pose.rotation @ span)
+]
 Turn = Annotated[
     FloatArray, Quantity(unit_quaternion, lambda pose, turn: product(pose.orientation, turn))
 ]
