@@ -81,5 +81,5 @@ def test_a_stem_that_carries_another_stands() -> None:
 
 
 def test_a_motion_may_not_be_nan_in_python() -> None:
-    with pytest.raises(InvalidSceneError, match=r"motion.positions\[1\]\[2\] is nan"):
+    with pytest.raises(InvalidSceneError, match=r"motion.positions\[1, 2\] is nan"):
         ObjectMotion(np.array([0.0, 1.0]), np.array([[0.0, 0.0, 0.0], [0.0, 0.0, np.nan]]))

@@ -73,7 +73,7 @@ NAN, INF = math.nan, math.inf
         (with_object(role="pushabel"), "did you mean 'pushable'?"),
         (with_object(id="ripe"), "objects[1].id 'ripe' is taken by objects[0]"),
         (with_object(id=3), "objects[1].id is 3: must be text: put it in quotes"),
-        (with_object(id=""), "objects[1].id is '': must not be empty"),
+        (with_object(id=""), "objects[1].id is '': must have 1 to"),
         (with_object(role="target"), "two targets, 'ripe' and 'n1'"),
         (with_fruit(role="avoid"), "no target"),
         (MINIMAL | {"objects": []}, "no target"),

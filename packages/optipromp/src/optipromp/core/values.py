@@ -12,6 +12,7 @@ their unit says ``or inf``. A bool is no number, nor is a text; a whole number i
 import functools
 import math
 import operator
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from types import EllipsisType, UnionType
@@ -282,56 +283,73 @@ def _told(found: Sequence[ErrorDetails], given: Any, hint: Any) -> str:
     *_, key, last = ("", *error["loc"])
     if last == "[key]":
         path = f"{path.removesuffix(f'.{key}')} {key!r}"
-    if error["type"] == "refused":
-        return f"{path}{error['msg']}"
-    if error["type"] in ("missing", "too_long"):  # of a tuple of so many
-        end = found[-1]
-        count = end["ctx"]["max_length"] if "ctx" in end else int(end["loc"][-1]) + 1
-        return f"{path} has {len(value)} entries: must have {count}"
-    told = list(notes(hint))
-    units = [one.unit for one in told if isinstance(one, Unit) and one.unit not in ("", "1")]
-    wanted = dict.fromkeys(wrong(one, value, told).removeprefix(_MUST) for one in found)
-    must = "" if found[0]["type"] == "literal_error" else _MUST
-    return (
-        f"{path} is {short(value)}: {must}{' or '.join(wanted)}{f' [{units[0]}]' if units else ''}"
-    )
+    if error["type"] == "missing":  # in a tuple
+        return f"{path} has {len(value)} entries: must have {int(found[-1]['loc'][-1]) + 1}"
+    return fault(path, value, found, list(notes(hint)))
 
 
-_MUST = "must be "
-_KINDS = {
+_NUMERIC = re.compile(r"\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*")
+_WORDS = {
     "finite_number": "finite",
     "float_type": "a number",
     "int_type": "a whole number",
     "bool_type": "true or false",
-    "string_type": "text",
+    "string_type": "text: put it in quotes",
     "list_type": "a list",
     "tuple_type": "a list",
     "dict_type": "a mapping",
     "mapping_type": "a mapping",
 }
-_LIMITS: dict[type, tuple[str, str, str]] = {
-    Gt: ("above", "greater_than", "gt"),
-    Ge: ("at least", "greater_than_equal", "ge"),
-    Lt: ("below", "less_than", "lt"),
-    Le: ("at most", "less_than_equal", "le"),
+_LIMITS: dict[str, tuple[type, str, str]] = {
+    "greater_than": (Gt, "gt", "above"),
+    "greater_than_equal": (Ge, "ge", "at least"),
+    "less_than": (Lt, "lt", "below"),
+    "less_than_equal": (Le, "le", "at most"),
 }
 
 
-def wrong(error: ErrorDetails, value: Any, told: Sequence[Any] = ()) -> str:
-    """What must be in the place of a ``value``, in words; ``told``: the metadata of its type."""
-    kind, context = error["type"], error.get("ctx", {})
-    limits = {words: getattr(one, key) for one in told for limit, (words, _, key) in
-              _LIMITS.items() if isinstance(one, limit)}  # fmt: skip
-    for words, name, key in _LIMITS.values():
-        if kind == name:
-            limits.setdefault(words, context[key])
+def fault(name: str, value: Any, found: Sequence[ErrorDetails], notes: Sequence[Any] = ()) -> str:
+    """What is wrong with a value, in words: its name, the value, what must be, and the unit.
+
+    ``found``: errors of the value, of which one must be mended. ``notes``: the metadata of its
+    type.
+    """
+    kind, context = found[0]["type"], found[0].get("ctx", {})
+    if kind == "refused":
+        return f"{name}{found[0]['msg']}".lstrip(": ")
+    if kind == "missing":
+        return f"{name} is missing"
+    if kind in ("too_short", "too_long"):
+        most = "least" if kind == "too_short" else "most"
+        count = f"{len(value)}" if isinstance(value, list | tuple) else "other"
+        return f"{name} has {count} entries: must have at {most} {context[f'{_SIDE[kind]}_length']}"
     if kind == "literal_error":
-        names = str(context["expected"]).replace(" or ", ", ").split(",")
-        return suggest(value, [name.strip().strip("'") for name in names])
+        words = str(context["expected"]).replace(" or ", ", ").split(",")
+        return (
+            f"{name} is {short(value)}: {suggest(value, [w.strip().strip(_QUOTE) for w in words])}"
+        )
+    wanted = " or ".join(dict.fromkeys(_wanted(one, value, notes) for one in found))
+    units = [one.unit for one in notes if isinstance(one, Unit) and one.unit not in ("", "1")]
+    return f"{name} is {short(value)}: must be {wanted}{f' [{units[0]}]' if units else ''}"
+
+
+_SIDE = {"too_short": "min", "too_long": "max"}
+_QUOTE = "'"
+
+
+def _wanted(error: ErrorDetails, value: Any, notes: Sequence[Any]) -> str:
+    kind, context = error["type"], error.get("ctx", {})
+    if kind in _LIMITS:
+        limits = {}
+        for name, (limit, key, words) in _LIMITS.items():
+            stated = [getattr(one, key) for one in notes if isinstance(one, limit)]
+            for number in stated or ([context[key]] if name == kind else []):
+                limits[words] = number
+        if limits.keys() == {"at least", "at most"}:
+            return f"{limits['at least']:g} to {limits['at most']:g}"
+        return " and ".join(f"{words} {limit:g}" for words, limit in limits.items())
     if kind == "is_instance_of":
-        return f"must be a {context['class']}"
-    if kind.startswith(("greater", "less")) and limits.keys() == {"at least", "at most"}:
-        return f"must be {limits['at least']:g} to {limits['at most']:g}"
-    if kind.startswith(("greater", "less")):
-        return "must be " + " and ".join(f"{word} {limit:g}" for word, limit in limits.items())
-    return f"must be {_KINDS[kind]}" if kind in _KINDS else str(error["msg"])
+        return f"a {context['class']}"
+    if kind == "float_type" and isinstance(value, str) and _NUMERIC.fullmatch(value):
+        return "a number, without quotes"
+    return _WORDS.get(kind, error["msg"])

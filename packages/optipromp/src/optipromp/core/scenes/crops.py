@@ -20,6 +20,7 @@ from optipromp.core.documents import built_in, read_named, write_document
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes import schema
 from optipromp.core.scenes.schema import Value, needed
+from optipromp.core.values import Name, NotNegative
 
 ROWS: Mapping[str, tuple[str, float, float]] = {
     "width": ("m", 0.004, 0.4),  # of a ripe fruit, across its axis
@@ -155,12 +156,12 @@ def _row(name: str) -> Any:
         )  # fmt: skip
 
     most = MOST_ANGLES if turns else 1
-    numbers = Annotated[list[schema.Number], Field(min_length=1, max_length=most)]
+    numbers = Annotated[list[float], Field(min_length=1, max_length=most)]
     form = schema.form(
         value=needed(Value(Annotated[numbers, BeforeValidator(schema.as_list)])),
         unit=needed(Value(Literal[tuple(units)])), source=needed(schema.NAME),
-        guess=Value(bool, default=False), spread=Value(schema.NotNegative, default=0.0),
-        range=Value(Annotated[list[schema.Number], Field(min_length=2, max_length=2)]),
+        guess=Value(bool, default=False), spread=Value(NotNegative, default=0.0),
+        range=Value(Annotated[list[float], Field(min_length=2, max_length=2)]),
         **({"angles": Value(numbers)} if turns else {}),
     )  # fmt: skip
     return Annotated[form, AfterValidator(made)]
@@ -174,7 +175,7 @@ def crop_names() -> tuple[str, ...]:
 _CROP = schema.form(
     format=Value(Literal[1], default=1), name=needed(schema.NAME),
     like=Value(Literal[crop_names()]), **{name: Value(_row(name)) for name in ROWS},
-    eyes=Value(dict[schema.Text, schema.Number | schema.Text], default={}),
+    eyes=Value(dict[Name, float | Name], default={}),
 )  # fmt: skip
 CROP_KEYS = frozenset({"format", "name", "like", "eyes", *ROWS})
 

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import (
-    AfterValidator,
     BaseModel,
     BeforeValidator,
     ConfigDict,
@@ -25,42 +24,24 @@ from pydantic import (
     create_model,
     model_validator,
 )
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic_core import ErrorDetails
 
-from optipromp.core.errors import LONGEST_NAME, InvalidSceneError, printable, short
+from optipromp.core import values as checks
+from optipromp.core.errors import LONGEST_NAME, InvalidSceneError, short
 from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.values import suggest
+from optipromp.core.values import Name, NotNegative, Positive, fault
 
-
-def refuse(what: str) -> PydanticCustomError:
-    """The refusal of a value, in words that follow its name."""
-    return PydanticCustomError("scene", "{what}", {"what": what})
-
-
-def _printable(text: str) -> str:
-    if printable(text) != text:
-        raise refuse(f"is '{printable(text)[:60]}': must hold no control characters")
-    return text
-
-
-Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
-Positive = Annotated[float, Field(strict=True, allow_inf_nan=False, gt=0.0)]
-NotNegative = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
-Text = Annotated[
-    str, Field(strict=True, min_length=1, max_length=LONGEST_NAME), AfterValidator(_printable)
-]
+refuse = functools.partial(checks.refuse, at=":")  # the name of a value stands before it
+Number = float
+Text = Name
 Sizes = Annotated[list[Positive], Field(min_length=3, max_length=3)]
 Vector = Annotated[list[Number], Field(min_length=3, max_length=3)]
 Quaternion = Annotated[list[Number], Field(min_length=4, max_length=4)]
-Argument = (
-    Annotated[bool, Field(strict=True)]
-    | Annotated[int, Field(strict=True)]
-    | Number
-    | Annotated[str, Field(strict=True, max_length=LONGEST_NAME), AfterValidator(_printable)]
-)
+Argument = bool | int | float | Annotated[str, Field(max_length=LONGEST_NAME)]
 Frame = Literal["world", "base", "camera"]
 
 
@@ -120,7 +101,7 @@ def _text_or(mapping: Any) -> Any:
 class Model(BaseModel):
     """Base of mappings, which refuse unknown keys by name."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
@@ -476,35 +457,11 @@ def _describe(error: ErrorDetails) -> str:
         if n == 1 and error["loc"][0] in ("robot", "tool", "goal", "crop"):
             continue  # the kind of robot, tool, goal or crop, which is no key
         path += f"[{step}]" if isinstance(step, int) else f".{step}" if path else str(step)
-    value = error["input"]
-    context = error.get("ctx", {})
-    kind = error["type"]
-    if kind == "scene":
-        return f"{path}: {context['what']}" if path else str(context["what"])
-    if kind == "missing":
-        return f"{path} is missing"
-    if kind in ("too_short", "too_long"):
-        field = "min_length" if kind == "too_short" else "max_length"
-        length = len(value) if isinstance(value, list) else "other"
-        least = "at least " if kind == "too_short" else "at most "
-        return f"{path} has {length} entries: must have {least}{context[field]}"
-    wanted = {
-        "finite_number": "must be finite",
-        "float_type": "must be a number" + (", without quotes" if isinstance(value, str) else ""),
-        "greater_than": f"must be above {context.get('gt', 0):g}",
-        "greater_than_equal": f"must be at least {context.get('ge', 0):g}",
-        "string_type": "must be text" + ("" if value is None else ": put it in quotes"),
-        "string_too_short": "must not be empty",
-        "string_too_long": f"must have at most {context.get('max_length')} letters",
-        "list_type": "must be a list",
-        "dict_type": "must be a mapping",
-        "model_attributes_type": "must be a mapping with kind and parameters",
-    }.get(kind)
+    value, kind = error["input"], error["type"]
     if kind == "union_tag_not_found":
         return f"{path}.kind is missing: valid are {', '.join(TOOLS)}"
     if kind == "union_tag_invalid":
         return f"{path}.kind is {short(value['kind'])}: {suggest(value['kind'], TOOLS)}"
-    if kind == "literal_error":
-        words = str(context["expected"]).replace(" or ", ", ").split(",")
-        wanted = suggest(value, [word.strip().strip("'") for word in words])
-    return f"{path} is {short(value)}: {wanted or error['msg']}"
+    if kind == "model_attributes_type":
+        return f"{path} is {short(value)}: must be a mapping with kind and parameters"
+    return fault(path, value, [error])
