@@ -11,6 +11,7 @@ import numpy as np
 
 from optipromp import Picked, PlanOptions, Scene, Trajectory, plan, plan_pick
 from optipromp.core.arrays import FloatArray
+from optipromp.core.scenes.scene import bare_robot
 from optipromp_bench.episode import Observation
 
 HERE = __name__ if __name__ != "__main__" else "tests.bench.entrants"
@@ -22,7 +23,7 @@ def entry(kind: type) -> str:
 
 def still(scene: Scene, seconds: float = 1.0, rows: int = 2) -> Trajectory:
     """A motion that stays at the scene's start."""
-    robot = scene.load_robot()
+    robot = bare_robot(scene)
     start = np.asarray(scene.start)
     q = np.tile(start, (rows, 1))
     zero = np.zeros_like(q)

@@ -19,7 +19,7 @@ from gymnasium import spaces
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Plan, plan
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, bare_robot
 from optipromp_bench.episode import RATE, Episode, Observation, joints_for, score
 from optipromp_bench.primitive import COUNT, OfWeights
 from optipromp_loop.guard import Guard, Safe
@@ -232,7 +232,7 @@ class PickEnv(_Scenes):
         check_one_of("action", action, ("tool", "joints"))
         check_one_of("observation", observation, ("state", "picture"))
         self.action, self.observation, self.size = action, observation, _pair("size", size, 1)
-        count = generate(self.presets[0], seeds[0]).load_robot().n_joints
+        count = bare_robot(generate(self.presets[0], seeds[0])).n_joints
         seen: dict[str, spaces.Space[Any]] = {
             "arm": spaces.Box(-np.inf, np.inf, (2 * count + 11,)),
             "objects": spaces.Box(-np.inf, np.inf, (MOST, WIDTH)),

@@ -11,6 +11,7 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.scenes.scene import bare_robot
 from optipromp.timing import NEAR, gentle
 from optipromp_bench.entrant import Refused, loaded, motion_of
 from optipromp_bench.entries import ENTRIES
@@ -104,7 +105,7 @@ def test_a_scene_s_robot_has_its_tool() -> None:
     robot = optipromp.robot_of(scene)
     made = plan(scene)
     point, _ = robot.tool_pose(made.trajectory.positions[-1])
-    bare, _ = scene.load_robot().tool_pose(made.trajectory.positions[-1])
+    bare, _ = bare_robot(scene).tool_pose(made.trajectory.positions[-1])
     assert np.linalg.norm(point - scene.target.position) < 1e-3
     assert np.linalg.norm(bare - scene.target.position) > 0.1
     assert robot is posed(scene)[0]

@@ -35,7 +35,7 @@ class Mine:
         if len(scene.pushables) > {many}:
             return None
         q = np.tile(scene.start, (2, 1))
-        names = scene.load_robot().joint_names
+        names = bare_robot(scene).joint_names
         return Trajectory(np.array([0.0, {seconds}]), q, 0 * q, 0 * q, names)
 """
 

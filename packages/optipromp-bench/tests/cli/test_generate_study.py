@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.scenes import load_scene
+from optipromp.core.scenes.scene import bare_robot
 from optipromp_bench.experiments import study
 
 RUN = CliRunner()
@@ -119,7 +120,7 @@ def test_scenes_of_another_robot_and_a_plan_with_it(
     assert result.exit_code == 0, result.output
     scene = load_scene(out / "cluster-0.yaml")
     assert scene.choice.tip == "tool0"
-    assert scene.load_robot().joint_names == tuple(f"j{k}" for k in range(6))
+    assert bare_robot(scene).joint_names == tuple(f"j{k}" for k in range(6))
     wrong = ["plan", str(out / "cluster-0.yaml"), "--robot", "panda", "--json"]
     assert json.loads(RUN.invoke(app, wrong).stdout)["status"] == "START_INVALID"
     wrong = ["plan", str(out / "cluster-0.yaml"), "--tip", "l9", "--json"]
@@ -150,7 +151,7 @@ def test_generate_tells_how_scenes_may_read_a_robot_that_lies_elsewhere(
     assert export == f"export OPTIPROMP_FOLDERS='{robots}'"
     assert json.loads(RUN.invoke(app, [*told, "--json"]).stdout)["folders"] == [str(robots)]
     monkeypatch.setenv("OPTIPROMP_FOLDERS", str(robots))
-    assert load_scene(here / "scenes" / "cluster-0.yaml").load_robot().n_joints == 6
+    assert bare_robot(load_scene(here / "scenes" / "cluster-0.yaml")).n_joints == 6
     assert "export" not in RUN.invoke(app, told).stdout
 
 

@@ -12,6 +12,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import bare_robot
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_bench.experiments import study, trials
 from optipromp_bench.experiments.rows import STUDY, Row, row_of, rows_of
@@ -98,10 +99,10 @@ def test_a_miscalibrated_camera_errs_at_first_as_it_does_later() -> None:
     target = scene.target
     detector = replace(DETECTORS["perfect"], mount="beside", view=3.0, **CAMERA_OFF)
     seen = miscalibrated(scene, scene, detector, 5)
-    eye = Detector(scene, scene.load_robot(), detector, 5)
+    eye = Detector(scene, bare_robot(scene), detector, 5)
     approach = scene.frame[2]
     eye.camera = lambda q: Pose(target.position - 0.3 * approach, frame_along(approach))
-    look = eye.expose(0.0, scene.load_robot().home, Truth((), np.zeros((0, 3)), (), ()))
+    look = eye.expose(0.0, bare_robot(scene).home, Truth((), np.zeros((0, 3)), (), ()))
     found = {item.id: item.position for item in look.in_base()}
     fruits = [item for item in seen.objects if item.role != "static"]
     for item, true in zip(fruits, (o for o in scene.objects if o.role != "static"), strict=True):

@@ -12,7 +12,7 @@ from optipromp.cli.main import app
 from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Place, Scene, SceneObject, Stem
 from optipromp.core.scenes.io import save_scene
-from optipromp.core.scenes.scene import JointGoal, ToolSpec
+from optipromp.core.scenes.scene import JointGoal, ToolSpec, bare_robot
 from optipromp_page.stage import load_replay
 from optipromp_sim.commands.simulate import loop_lines
 from optipromp_sim.generate import generate
@@ -111,7 +111,7 @@ def test_a_loop_that_finds_no_plan_gives_up_and_moves_nothing(tmp_path):
 def test_a_scene_without_a_target_is_refused(tmp_path):
     scene = generate("cluster", 0)
     left = tuple(item for item in scene.objects if item.role == "static")
-    home = JointGoal(scene.load_robot().home)
+    home = JointGoal(bare_robot(scene).home)
     save_scene(replace(scene, objects=left, goal=home), tmp_path / "bare.yaml")
     result = invoke("simulate", tmp_path / "bare.yaml", "--closed-loop")
     assert result.exit_code == 2

@@ -10,6 +10,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import Cone, Ellipsoid
 from optipromp.core.planning import plan
 from optipromp.core.pushing.stems.bending import stems
+from optipromp.core.scenes.scene import bare_robot
 from optipromp_sim.generate import generate
 from optipromp_sim.generate.plants import untold
 from optipromp_sim.simulation import SimulationParameters, simulate
@@ -40,7 +41,7 @@ def places(world: World, data) -> FloatArray:
 @pytest.mark.parametrize("seed", [20001, 20003])
 def test_a_truss_hangs_still_and_yields_as_the_push_model_says(seed: int) -> None:
     scene = generate("truss", seed)
-    world = build(scene, scene.load_robot())
+    world = build(scene, bare_robot(scene))
     by_id = {item.id: item for item in scene.objects}
     model = stems([by_id[fruit.id] for fruit in world.shown])
     rest = places(world, settled(world))
@@ -60,7 +61,7 @@ def test_a_truss_hangs_still_and_yields_as_the_push_model_says(seed: int) -> Non
 
 def test_a_torn_fruit_lightens_the_stems_that_carried_it() -> None:
     scene = generate("truss", 20001)
-    world = build(scene, scene.load_robot())
+    world = build(scene, bare_robot(scene))
     child = next(fruit for fruit in world.shown if fruit.built.carried_by)
     data = world.data(world.robot.home)
     before = {f.id: data.qfrc_applied[f.dofs].copy() for f in world.shown}
@@ -83,7 +84,7 @@ def test_a_truss_that_is_pulled_as_a_whole_comes_off() -> None:
     parameters = SimulationParameters()
     weak = replace(parameters, stem=replace(parameters.stem, truss_force=4.0))
     for chosen, torn in ((parameters, 0), (weak, len(scene.pushables) + 1)):
-        world = build(scene, scene.load_robot(), chosen)
+        world = build(scene, bare_robot(scene), chosen)
         data, watch = world.data(world.robot.home), StemWatch(world)
         for k in range(400):
             for fruit in world.shown:
@@ -97,7 +98,7 @@ def test_a_truss_that_is_pulled_as_a_whole_comes_off() -> None:
 def test_a_fruit_may_turn_freely_about_its_calyx(calyx) -> None:
     scene = generate("elongated", 20000)
     parameters = SimulationParameters()
-    world = build(scene, scene.load_robot(), replace(
+    world = build(scene, bare_robot(scene), replace(
         parameters, stem=replace(parameters.stem, calyx=calyx)
     ))  # fmt: skip
     fruit = world.shown[0]

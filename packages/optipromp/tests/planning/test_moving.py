@@ -20,7 +20,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.core.scenes.io import save_scene
 from optipromp.core.scenes.objects import ObjectMotion
-from optipromp.core.scenes.scene import JointGoal
+from optipromp.core.scenes.scene import JointGoal, bare_robot
 from optipromp.core.trajectory import Trajectory
 
 OUT = np.array([0.5, 0.35, 0.0])  # [m] away from the arm's base
@@ -29,7 +29,7 @@ OUT = np.array([0.5, 0.35, 0.0])  # [m] away from the arm's base
 @pytest.fixture(scope="module")
 def bare() -> Scene:
     known = optipromp.load_scene("scenario-3")
-    home = known.load_robot().home
+    home = bare_robot(known).home
     goal = home + np.array([1.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
     return replace(known, name="bare", objects=(), start=home, goal=JointGoal(goal))
 

@@ -20,7 +20,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject, save_scene
 from optipromp.core.scenes.held import Place
 from optipromp.core.scenes.objects import ObjectMotion
-from optipromp.core.scenes.scene import JointGoal
+from optipromp.core.scenes.scene import JointGoal, bare_robot
 from optipromp.core.trajectory import Trajectory
 from optipromp_loop.control.controller import Controller
 from optipromp_sim.simulation.export import mjcf
@@ -48,7 +48,7 @@ def usual() -> Plan:
 
 @pytest.fixture(scope="module")
 def bare() -> Scene:
-    home = KNOWN.load_robot().home
+    home = bare_robot(KNOWN).home
     goal = home + np.array([1.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
     return replace(KNOWN, name="bare", objects=(), start=home, goal=JointGoal(goal))
 

@@ -14,6 +14,7 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
 from optipromp.core.scenes import scene_from_dict, scene_to_dict
+from optipromp.core.scenes.scene import bare_robot
 
 Writer = Callable[..., Path]
 
@@ -89,7 +90,7 @@ def test_a_scene_and_the_command_line_choose_the_arm_by_name(write: Writer) -> N
     path = write(robot(*TWO))
     document = {"name": "s", "robot": {"file": path.name, "arm": "right"}}
     scene = scene_from_dict(document | {"goal": {"joints": [0.1] * 6}}, base_dir=path.parent)
-    assert scene.load_robot().arm.tip == "rightlink6"
+    assert bare_robot(scene).arm.tip == "rightlink6"
     assert scene_to_dict(scene, base_dir=path.parent)["robot"] == document["robot"]
     done = CliRunner().invoke(app, ["check", str(path), "--arm", "left", "--json"])
     assert (done.exit_code, json.loads(done.stdout)["flange"]) == (0, "leftlink6")

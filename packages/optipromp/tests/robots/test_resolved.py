@@ -20,6 +20,7 @@ from optipromp.core.planning import PlanOptions
 from optipromp.core.robots import Cup, Robot, load_robot, robot_names, save_robot, with_tool
 from optipromp.core.robots.library import _DATA, NOTHING, READERS, _readers, load_arm
 from optipromp.core.robots.resolved import ARRAYS
+from optipromp.core.scenes.scene import bare_robot
 from optipromp.readers.reading import read_description
 
 Writer = Callable[..., Path]
@@ -163,7 +164,7 @@ def test_a_scene_names_no_resolved_robot_with_meshes_elsewhere(
     scene = {"format": 1, "name": "s", "goal": {"joints": [0.5, -0.4]}, "objects": []}
     Path("scene.yaml").write_text(yaml.safe_dump(scene | {"robot": "arm.robot"}))
     with pytest.raises(InvalidRobotError, match="outside the folder"):
-        load_scene("scene.yaml").load_robot()
+        bare_robot(load_scene("scene.yaml"))
     assert load_robot("arm.robot").n_joints == 2
 
 

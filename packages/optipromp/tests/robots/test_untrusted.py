@@ -21,6 +21,7 @@ from optipromp.core.planning import PlanOptions
 from optipromp.core.robots import Choice, load_robot
 from optipromp.core.robots.library import UNTRUSTED, load_arm
 from optipromp.core.scenes import load_scene
+from optipromp.core.scenes.scene import bare_robot
 from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.trials import setting_of
 
@@ -71,12 +72,12 @@ def test_a_xacro_that_a_scene_names_is_not_run(far: Path, monkeypatch: pytest.Mo
         assert not mark.exists()
     Path("arm.yaml").write_text("format: 1\nname: r\nurdf: arm.xacro\n")
     with pytest.raises(InvalidRobotError, match="named by a file"):
-        load_scene(scene("arm.yaml")).load_robot()
+        bare_robot(load_scene(scene("arm.yaml")))
     with pytest.raises(InvalidRobotError, match="named by a file"):
         load_robot("arm.yaml")
     assert not mark.exists()
     monkeypatch.setenv("OPTIPROMP_ALLOW_XACRO", "1")
-    load_scene(named).load_robot()
+    bare_robot(load_scene(named))
     assert mark.exists()
 
 
@@ -96,9 +97,9 @@ def test_of_a_scene_only_the_robot_that_the_user_names_is_trusted(far: Path) -> 
     arm = xacro(far / "mark")
     read = load_scene(scene(str(arm)))
     with pytest.raises(InvalidRobotError, match="named by a file"):
-        Named(None, Choice(tip="b")).of(read).load_robot()
+        bare_robot(Named(None, Choice(tip="b")).of(read))
     assert not (far / "mark").exists()
-    assert Named(str(arm), Choice()).of(read).load_robot().n_joints == 1
+    assert bare_robot(Named(str(arm), Choice()).of(read)).n_joints == 1
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
@@ -198,14 +199,14 @@ def test_a_robot_of_a_scene_reads_nothing_elsewhere(
         shutil.copy(far / name, name)
     read = load_scene(scene(HOLES[hole](far)))
     with pytest.raises(InvalidRobotError, match=r"outside the folder|not there or is no XML"):
-        read.load_robot()
+        bare_robot(read)
     if "no XML" not in hole and "texture" not in hole:
         monkeypatch.setenv("OPTIPROMP_FOLDERS", str(far))
-        assert read.load_robot().n_joints == 1
+        assert bare_robot(read).n_joints == 1
         monkeypatch.delenv("OPTIPROMP_FOLDERS")
         load_robot(read.robot)  # which the user names; kept, but not for the scene
         with pytest.raises(InvalidRobotError, match="outside the folder"):
-            read.load_robot()
+            bare_robot(read)
 
 
 def test_packages_of_the_users_environment_are_allowed(
@@ -214,7 +215,7 @@ def test_packages_of_the_users_environment_are_allowed(
     mesh(far / "my_arm")
     read = load_scene(scene(arm_of("package://my_arm/part.obj")))
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(far))
-    assert read.load_robot().n_joints == 1
+    assert bare_robot(read).n_joints == 1
     monkeypatch.delenv("ROS_PACKAGE_PATH")
     assert load_arm("arm.urdf", None, Choice(package_dirs=(far,)))[0].n_joints == 1
     with pytest.raises(InvalidRobotError, match="no folder 'my_arm'"):

@@ -16,6 +16,7 @@ from optipromp.core.errors import InvalidRobotError, InvalidSceneError
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import Choice, load_arm
 from optipromp.core.scenes import load_scene, save_scene
+from optipromp.core.scenes.scene import bare_robot
 from optipromp.readers import packages
 
 pytest.importorskip("xacrodoc")
@@ -104,10 +105,10 @@ def test_a_scene_states_arguments_and_runs_no_xacro(
     save_scene(scene, "again.yaml")
     assert yaml.safe_load(Path("again.yaml").read_text())["robot"] == robot
     with pytest.raises(InvalidRobotError, match="named by a file"):
-        scene.load_robot()
+        bare_robot(scene)
     assert not runs
     monkeypatch.setenv("OPTIPROMP_ALLOW_XACRO", "1")
-    assert scene.load_robot().kinematics.translation[0, 2] == pytest.approx(1.0)
+    assert bare_robot(scene).kinematics.translation[0, 2] == pytest.approx(1.0)
     Path("scene.yaml").write_text(yaml.safe_dump(GOAL | {"robot": robot | {"arg": {}}}))
     with pytest.raises(InvalidSceneError, match="did you mean 'args'"):
         load_scene("scene.yaml")
@@ -157,7 +158,7 @@ def test_scenes_of_a_xacro_keep_its_arguments(
     refused = CliRunner().invoke(app, ["check", "scenes/cluster-0.yaml"])
     assert refused.exit_code == 2
     monkeypatch.setenv("OPTIPROMP_ALLOW_XACRO", "1")
-    assert load_scene("scenes/cluster-0.yaml").load_robot().upper[0] == pytest.approx(3.1)
+    assert bare_robot(load_scene("scenes/cluster-0.yaml")).upper[0] == pytest.approx(3.1)
 
 
 def test_xacro_in_a_comment_is_no_xacro(tmp_path: Path, runs: list[str]) -> None:

@@ -16,7 +16,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields
 from types import EllipsisType, UnionType
-from typing import Annotated, Any, ClassVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt, Unit
@@ -26,7 +26,7 @@ from pydantic import ValidationError as ValidationError
 from pydantic.errors import PydanticSchemaGenerationError
 from pydantic_core import ErrorDetails, PydanticCustomError, SchemaValidator, core_schema
 
-from optipromp.core.arrays import FloatArray, all_finite, frozen
+from optipromp.core.arrays import FloatArray, all_finite, frozen, read_only
 from optipromp.core.errors import (
     InvalidRequestError,
     OptiPrompError,
@@ -48,16 +48,21 @@ def refuse(what: str, at: str = "") -> PydanticCustomError:
 class Array:
     """In an annotation: a read-only array of finite numbers, of a shape (None: any size; ...: any).
 
-    ``most``: largest size of a number.
+    ``most``: largest size of a number. ``order``: of its memory, as NumPy names it.
     """
 
-    def __init__(self, *shape: int | EllipsisType | None, most: float = np.inf) -> None:
-        self.shape, self.most = shape, most
+    def __init__(
+        self,
+        *shape: int | EllipsisType | None,
+        most: float = np.inf,
+        order: Literal["C", "K"] = "C",
+    ) -> None:
+        self.shape, self.most, self.order = shape, most, order
 
     def read(self, values: ArrayLike) -> FloatArray:
         """The ``values`` as such an array, or else :func:`refuse`."""
         try:
-            array = frozen(values)
+            array = read_only(np.array(values, dtype=np.float64, order=self.order))
         except (TypeError, ValueError, OverflowError):
             raise refuse(f"is {values!r:.60}: must be finite numbers") from None
         if array.shape != self.shape and not self._fits(array.shape):
@@ -85,10 +90,10 @@ class Array:
 
 def array(
     name: str, values: ArrayLike, *shape: int | EllipsisType | None, most: float = np.inf,
-    error: type[OptiPrompError] = InvalidRequestError,
+    order: Literal["C", "K"] = "C", error: type[OptiPrompError] = InvalidRequestError,
 ) -> FloatArray:  # fmt: skip
     """``values`` as an :class:`Array`; ``name`` begins the ``error``."""
-    return read_by(Array(*shape, most=most).read, name, values, error)
+    return read_by(Array(*shape, most=most, order=order).read, name, values, error)
 
 
 def direction(values: ArrayLike) -> FloatArray:

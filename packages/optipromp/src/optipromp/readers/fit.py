@@ -129,10 +129,10 @@ class _Fit:
     """A growing cover: ``chosen`` indices of candidate centres, and their ``excess`` [m]."""
 
     def __init__(self, triangles: FloatArray, loose: float) -> None:
-        self.loose, self.low = loose, triangles.min(axis=(0, 1))
+        self.loose, low = loose, triangles.min(axis=(0, 1))
         size = np.ptp(triangles, axis=(0, 1))
         self.voxel = voxel(triangles)
-        self.triangles, self.origin = triangles, self.low - 2.5 * self.voxel
+        self.triangles, self.origin = triangles, low - 2.5 * self.voxel
         shape = np.ceil(size / self.voxel).astype(np.int64) + 6
         touched = np.zeros(shape, dtype=bool)
         found = []  # the first point in each voxel; the surface of a fine mesh has many more
@@ -141,9 +141,9 @@ class _Fit:
         for some in np.split(triangles, np.flatnonzero(np.diff(part)) + 1):
             surface = spread_points(some, step)
             touched[self._index(surface)] = True
-            found.append(surface[_thinned(surface - self.low, self.voxel)])
+            found.append(surface[_thinned(surface - low, self.voxel)])
         surface = np.concatenate(found)
-        self.points = surface[_thinned(surface - self.low, self.voxel)]
+        self.points = surface[_thinned(surface - low, self.voxel)]
         solid = enclosed(touched)
         into = distance_transform_edt(solid)
         self.depth = self.voxel * (into - 1.0)  # at the voxels' middles; negative outside
@@ -155,7 +155,7 @@ class _Fit:
         inside = inside[order]
         inside = inside[_thinned(inside, sparse, _CENTERS)]
         self.centers = self._middle(inside)
-        self.few = self.points[_thinned(self.points - self.low, 2.0 * self.voxel, _POINTS)]
+        self.few = self.points[_thinned(self.points - low, 2.0 * self.voxel, _POINTS)]
         cost = cdist(self.few, self.centers) - self.depth[tuple(inside.T)]
         self.cost = cost.astype(np.float32)  # excess of covering each point from each candidate
         self.known = dict[bytes, int]()

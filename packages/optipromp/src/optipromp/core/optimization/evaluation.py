@@ -5,7 +5,7 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -85,6 +85,14 @@ def _grouped_pairs(
     return frozen(groups, np.int64), frozen(pairs[by_links], np.int64), by_links
 
 
+class Frames(NamedTuple):
+    """Where S segments are at T waypoints."""
+
+    origins: FloatArray  # (T, S, 3) [m]
+    rotations: FloatArray  # (T, S, 3, 3)
+    axes: FloatArray  # (T, S, 3) of the joints
+
+
 class Evaluation:
     """Arrays of an evaluation at T waypoints, made once and overwritten by each evaluation.
 
@@ -99,11 +107,9 @@ class Evaluation:
     def __init__(self, robot: Robot, body: BodyPoints, n_waypoints: int, dt: float) -> None:
         n, segments, spheres = robot.n_joints, robot.n_segments, body.tool
         self.robot, self.body, self.dt = robot, body, dt
-        self.tool = body.tool
         self.q = np.zeros((n_waypoints, n))
-        self.origins = np.empty((n_waypoints, segments, 3))
-        self.rotations = np.empty((n_waypoints, segments, 3, 3))
-        self.axes = np.empty((n_waypoints, segments, 3))
+        shapes = (segments, 3), (segments, 3, 3), (segments, 3)
+        self.frames = Frames(*(np.empty((n_waypoints, *shape)) for shape in shapes))
         self.points = np.empty((n_waypoints, len(body), 3))
         self.force = np.zeros((n_waypoints, spheres + 2, 3))
         self.stiffness = np.zeros((n_waypoints, spheres + 2, 6))
@@ -118,9 +124,9 @@ class Evaluation:
     def move_to(self, q: FloatArray) -> None:
         """Run the kinematics of the trajectory ``q`` (T, n), and :meth:`clear`."""
         self.q[:] = q
-        robot_kernels.frames(self.robot.kinematics, self.q, self.origins, self.rotations, self.axes)
+        robot_kernels.frames(self.robot.kinematics, self.q, *self.frames)
         robot_kernels.carried_points(
-            self.body.segment, self.body.local, self.origins, self.rotations, self.points
+            self.body.segment, self.body.local, *self.frames[:2], self.points
         )
         self.clear()
 
@@ -130,6 +136,11 @@ class Evaluation:
         self.stiffness[:] = 0.0
         self.joint_gradient[:] = 0.0
         self.band[:] = 0.0
+
+    @property
+    def tool(self) -> int:
+        """Index of the tool point among the points."""
+        return self.body.tool
 
     @property
     def tool_points(self) -> FloatArray:
@@ -152,8 +163,8 @@ class Evaluation:
             self.body.segment[: self.tool + 2],
             self.points[:, : self.tool + 2],
             self.force,
-            self.origins,
-            self.axes,
+            self.frames.origins,
+            self.frames.axes,
             out,
         )
         return out

@@ -124,8 +124,8 @@ class Problem:
         """Gauss-Newton matrix of the free waypoints, in LAPACK's lower banded form ((2n+1), N)."""
         e = self.evaluation
         kernels.add_stiffness(
-            self.robot.kinematics, e.body.segment[: e.tool + 2], e.points, e.stiffness, e.origins,
-            e.axes, e.band, self.first, self.matrix,
+            self.robot.kinematics, e.body.segment[: e.tool + 2], e.points, e.stiffness,
+            e.frames.origins, e.frames.axes, e.band, self.first, self.matrix,
         )  # fmt: skip
         return self.matrix
 

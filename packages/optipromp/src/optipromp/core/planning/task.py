@@ -35,7 +35,7 @@ from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.goals import ANGLE, WITHIN, Goal, JointGoal, PoseGoal, RegionGoal
 from optipromp.core.scenes.held import Pair, check_names
 from optipromp.core.scenes.objects import ObjectMotion
-from optipromp.core.scenes.scene import Attached, Scene, SceneObject
+from optipromp.core.scenes.scene import Attached, Scene, SceneObject, bare_robot
 from optipromp.core.trajectory import State, Trajectory
 
 AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
@@ -194,7 +194,7 @@ def laden(robot: Robot, attached: Sequence[Attached]) -> Robot:
 def robot_of(scene: Scene, robot: Robot | None = None) -> Robot:
     """The scene's robot with the scene's tool, and with what the tool holds.
 
-    All of a scene stands in this robot's base frame. ``scene.load_robot()`` is without the tool.
+    All of a scene stands in this robot's base frame. ``bare_robot`` is without the tool.
     ``robot`` has its own tool, and stands in the place of the scene's robot and tool.
 
     Raises:
@@ -204,7 +204,7 @@ def robot_of(scene: Scene, robot: Robot | None = None) -> Robot:
     """
     spec = None
     if robot is None:
-        robot, tool = scene.load_robot(), scene.tool
+        robot, tool = bare_robot(scene), scene.tool
         if tool is not None:
             parameters = dict(tool.parameters)
             if tool.kind == "suction" and scene.target is not None:

@@ -42,7 +42,7 @@ class Demonstration(Validated, error=InvalidDemonstrationError):
     """
 
     times: Annotated[FloatArray, Array(None)]
-    positions: Annotated[FloatArray, Array(None, None, most=_LARGEST_JOINT)]
+    positions: Annotated[FloatArray, Array(None, None, most=_LARGEST_JOINT, order="K")]
     span: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:

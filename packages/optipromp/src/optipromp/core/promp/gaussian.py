@@ -16,7 +16,7 @@ RANK_TOLERANCE = 1e-11  # [-] a direction with a smaller share of the variance c
 
 def check_covariance(covariance: ArrayLike, size: int, name: str) -> FloatArray:
     """A symmetric copy (size, size) of a positive semi-definite matrix, which may be singular."""
-    matrix = array(name, covariance, size, size)
+    matrix = array(name, covariance, size, size, order="K")
     scale = float(np.abs(matrix).max(initial=0.0))
     asymmetry = float(np.abs(matrix - matrix.T).max(initial=0.0))
     if asymmetry > 1e-8 * scale:

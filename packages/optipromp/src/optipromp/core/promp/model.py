@@ -55,7 +55,7 @@ class ProMP(Shown):
         if not isinstance(self.basis, Basis):
             raise InvalidRequestError(f"basis: expected a Basis, got {type(self.basis).__name__}")
         count = self.basis.count
-        mean = array("mean", self.mean, ...)
+        mean = array("mean", self.mean, ..., order="K")
         if mean.ndim == 1 and mean.size and mean.size % count == 0:
             mean = mean.reshape(-1, count)
         if mean.ndim != 2 or mean.shape[0] == 0 or mean.shape[1] != count:

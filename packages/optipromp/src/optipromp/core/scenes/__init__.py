@@ -24,3 +24,4 @@ from optipromp.core.scenes.scene import Scene as Scene
 from optipromp.core.scenes.scene import SceneObject as SceneObject
 from optipromp.core.scenes.scene import Stem as Stem
 from optipromp.core.scenes.scene import ToolSpec as ToolSpec
+from optipromp.core.scenes.scene import bare_robot as bare_robot

@@ -215,10 +215,6 @@ class Scene(Shown, Framed):
         objects = ", ".join(f"{count} {role}" for role, count in counts.items())
         return f"{self.name}: {self.robot}; {objects or 'no objects'}"
 
-    def load_robot(self) -> Robot:
-        """The robot without its tool (``optipromp.robot_of`` has it); raises InvalidRobotError."""
-        return load_arm(self.robot, self.base_dir, self.choice)[0]
-
     @cached_property
     def _rows(self) -> Mapping[str, IntArray]:
         codes = {role: code for code, role in enumerate(ROLES)}
@@ -409,3 +405,11 @@ class Scene(Shown, Framed):
             shapes, self.positions[rows], self.rotations[rows],
             (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
         )  # fmt: skip
+
+
+def bare_robot(scene: Scene) -> Robot:
+    """The scene's robot without its tool (``optipromp.robot_of`` has it).
+
+    Raises InvalidRobotError.
+    """
+    return load_arm(scene.robot, scene.base_dir, scene.choice)[0]

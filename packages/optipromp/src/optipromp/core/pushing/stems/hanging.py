@@ -9,7 +9,7 @@ import copy
 import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
-from typing import Self
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from optipromp.core.geometry import signed_distance
 from optipromp.core.geometry.obstacles import Obstacles, near
 from optipromp.core.pushing import rules
 from optipromp.core.pushing.model import Candidates, Guided, Moved, PushModel, Round, Schedule
-from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.parameters import PUSH, Calibration
 from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.pushing.stems import bending, kept_states, swinging
 from optipromp.core.pushing.stems.cup import Mouth, fits, steps_inside
@@ -39,6 +39,15 @@ TOGETHER = 4  # states whose harm is computed between two steps of a plan that w
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NEW = np.zeros((0, 0, 0))  # kept of a push that begins
 NOTHING = swinging.Harm(0.0, 0.0, 0.0, 0.0, 0.0, False)
+
+
+class _Passed(NamedTuple):
+    """The neighbours that paths pass, N of them, first met first."""
+
+    centers: FloatArray  # (N, 3) [m]
+    heights: FloatArray  # (N,) along the approach [m]
+    radii: FloatArray  # (N,) [m]
+    under: FloatArray  # (N,) by which a path is below each [m]
 
 
 class PathsPast(Candidates):
@@ -60,16 +69,17 @@ class PathsPast(Candidates):
         self.scene, self.target, self.neighbours, self.cup = scene, target, tuple(neighbours), cup
         self.aim = target.position + scene.approach.shift
         self.camera, self.gripper_radius = camera, gripper_radius
-        self.entry = float(camera @ scene.frame[2])
-        self.static, self.avoid = obstacles
+        self.obstacles = obstacles
         self._frame = np.array(scene.frame)
-        self._centers = np.array([fruit.position for fruit in self.neighbours]).reshape(-1, 3)
-        self._heights = self._centers @ self._frame[2]
-        self._radii = np.array([fruit.radius for fruit in self.neighbours])
         self._capture = float(target.position @ self._frame[2]) - cup.rim - target.radius
         doubts = np.sqrt([rules.detection_variance(fruit) for fruit in (target, *self.neighbours)])
         self._early = HANGING.capture + HANGING.lower * float(doubts[0])
-        self._under = PUSH.rule.under + HANGING.lower * doubts[1:]
+        centers = np.array([fruit.position for fruit in self.neighbours]).reshape(-1, 3)
+        self._passed = _Passed(
+            centers, centers @ self._frame[2],
+            np.array([fruit.radius for fruit in self.neighbours]),
+            PUSH.rule.under + HANGING.lower * doubts[1:],
+        )  # fmt: skip
         self.schedule = Schedule(
             rounds=(Round(9, 1), *[Round(12, 1)] * 3), runs=1, kept=6,
             states=states, fresh=0.3, lenient=1.6,
@@ -77,12 +87,12 @@ class PathsPast(Candidates):
 
     def path(self, x: FloatArray) -> ToolPath:
         """Past neighbour n at the angle ``x[n]`` from x_g, with ``x[N + n]`` radii of clearance."""
-        directions, clearances = self._split(x)
+        (directions, clearances), passed = self._split(x), self._passed
         windows = rules.rim_windows(
-            self._heights, self._radii, directions, self.cup.rim, self._capture, self._under
+            passed.heights, passed.radii, directions, self.cup.rim, self._capture, passed.under
         )
         corners = rules.path_past(
-            self._centers, directions, windows, self.gripper_radius + clearances * self._radii,
+            passed.centers, directions, windows, self.gripper_radius + clearances * passed.radii,
             self.aim, self._frame, self.camera,
             max(self.cup.rim + self.target.radius + self._early, 0.0),
         )  # fmt: skip
@@ -130,7 +140,7 @@ class PathsPast(Candidates):
         heights = np.array([self.cup.base, 0.5 * (self.cup.base + self.cup.rim), self.cup.rim])
         where = points[:: 2 * HANGING.every]
         worst = 0.0
-        for obstacles, slack in ((self.static, HANGING.slack), (self.avoid, 0.0)):
+        for obstacles, slack in zip(self.obstacles, (HANGING.slack, 0.0), strict=True):
             if len(obstacles.kind):
                 least, end = rooms_beside(
                     where, heights, self._frame[2], obstacles, self.cup.outer, slack
@@ -171,6 +181,22 @@ def applies(scene: Scene, tool: Tool | None, neighbours: Sequence[SceneObject]) 
     return hangs and len(neighbours) <= HANGING.most
 
 
+class _Way(NamedTuple):
+    """What a motion is, and how finely and how far its harm is told."""
+
+    leaves: int = swinging.NEVER  # first point of the way out
+    speed: float = 0.0  # of the cup on the way out [m/s]
+    every: int = HANGING.every  # points a step
+    hopeless: float = PUSH.harm.hopeless  # score from which no more is told
+
+
+class _Before(NamedTuple):
+    """Where the motion before has led: what is kept of each state, and its last points."""
+
+    kept: FloatArray = NEW
+    behind: FloatArray = np.zeros((0, 6))  # tool points and axes
+
+
 class Hanging(PushModel):
     """The push model of fruits on bending stems, for one scene.
 
@@ -206,9 +232,8 @@ class Hanging(PushModel):
         fruits = (target, *_hanging(scene, target, neighbours))
         hidden = any(fruit.stem is not None and fruit.stem.unseen for fruit in fruits)
         detected = hidden or any(fruit.covariance is not None for fruit in fruits)
-        self.fruits, self.count = fruits, len(fruits)
+        self.fruits = fruits
         self.calibration = PUSH.detected if detected else PUSH.known
-        self.on_leaving = PUSH.detected_out if detected else PUSH.known_out
         self.risk, self.threshold = risk, self.calibration.allowed(risk)
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
@@ -216,38 +241,47 @@ class Hanging(PushModel):
         self.least = unfit(scene, tool, self.stems.axes[:: self.count, 2], self.searched)
         self.good = PUSH.harm.good + self.least
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
-        self._leaves, self._speed = swinging.NEVER, 0.0  # of the way out
-        self._every, self._hopeless = HANGING.every, PUSH.harm.hopeless
-        self._kept, self._behind = NEW, np.zeros((0, 6))
+        self._way, self._before = _Way(), _Before()
         self.candidates = PathsPast(
             scene, neighbours, self.cup, (self.static, avoid), camera, gripper_radius, self.searched
         )
 
+    @property
+    def count(self) -> int:
+        """Number of fruits."""
+        return len(self.fruits)
+
+    @property
+    def on_leaving(self) -> Calibration:
+        """The calibration of ways out."""
+        return PUSH.known_out if self.calibration is PUSH.known else PUSH.detected_out
+
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        every = self._every
+        way, (kept, behind) = self._way, self._before
+        every = way.every
         if states == 1:
-            every = HANGING.every if len(self._kept) else HANGING.screened_every
+            every = HANGING.every if len(kept) else HANGING.screened_every
         if self.least > limit:
             return self.least
-        told = max(states, len(self._kept)) > self.searched
+        told = max(states, len(kept)) > self.searched
         some, motion = self._steps(self.searched if told else 0, states, points, axes, every)
-        hopeless, begin = self._hopeless, len(self._behind)
-        leaves = self._leaves // every + max(begin - 1, 0)
+        hopeless, begin = way.hopeless, len(behind)
+        leaves = way.leaves // every + max(begin - 1, 0)
         total, worst = 0.0, (limit - self.least) * states
         for first in range(0, states, TOGETHER):
             which = first, min(first + TOGETHER, states)
             total = swinging.summed_score(
                 some, self.count, which, *motion, self.cup, self.static, hopeless, worst, not told,
-                leaves, self._speed, total, begin, self._kept,
+                leaves, way.speed, total, begin, kept,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
                 return self.least + float(total)
             if total > worst:
                 break
             step(WEIGHT)
-            sure = told and self._leaves in (0, swinging.NEVER) and 3 * which[1] >= states
+            sure = told and way.leaves in (0, swinging.NEVER) and 3 * which[1] >= states
             if sure and total <= HANGING.sure * self.threshold * which[1]:
                 return self.least + float(total / which[1])
         return self.least + float(total / states)
@@ -255,10 +289,11 @@ class Hanging(PushModel):
     def led(self, state: int, points: FloatArray, axes: FloatArray) -> swinging.Led:
         """Effect of a motion of the tool on the fruits in one state."""
         one, motion = self._steps(state, 1, points, axes)
-        leaves, begin = self._leaves // self._every, len(self._behind)
-        first = self.searched if len(self._kept) > self.searched else 0
-        kept = self._kept[state - first] if begin else kept_states.NOT_KEPT
-        return swinging.led(one, *motion, self.cup, self.static, leaves, self._speed, begin, kept)
+        way, (before, behind) = self._way, self._before
+        leaves, begin = way.leaves // way.every, len(behind)
+        first = self.searched if len(before) > self.searched else 0
+        kept = before[state - first] if begin else kept_states.NOT_KEPT
+        return swinging.led(one, *motion, self.cup, self.static, leaves, way.speed, begin, kept)
 
     def drifting(self, by: Mapping[str, FloatArray]) -> Self:
         moved = copy.copy(self)
@@ -269,7 +304,8 @@ class Hanging(PushModel):
     def leaving(self, first: int) -> Self:
         """The model of motions whose points from the ``first`` on lead the tool out again."""
         out = copy.copy(self)
-        out._leaves, out.cup = first, self.cup._replace(rubbing=PUSH.swing.leaving)
+        out.cup = self.cup._replace(rubbing=PUSH.swing.leaving)
+        out._way = self._way._replace(leaves=first)
         out.least = 0.0  # the target is inside, or it was not picked
         return out
 
@@ -279,8 +315,9 @@ class Hanging(PushModel):
         Only what happens on the way out is harm; the harm of a state is at most 1.
         """
         out = self.leaving(0)
-        out._kept, out._behind = kept_states.at_rest(self._kept), self._behind[-1:]
-        out._every, out._hopeless, out._speed = HANGING.every_out, 1.0, speed
+        kept, behind = self._before
+        out._before = _Before(kept_states.at_rest(kept), behind[-1:])
+        out._way = _Way(0, speed, HANGING.every_out, 1.0)
         return out
 
     def after(self, points: FloatArray, axes: FloatArray, states: int) -> Self:
@@ -291,15 +328,13 @@ class Hanging(PushModel):
         multiple of ``HANGING.every``: points of both motions fall on the same steps. Not for roots
         that drift.
         """
-        on, count = copy.copy(self), self.count
+        on, count, (before, behind) = copy.copy(self), self.count, self._before
         first = self.searched if states > self.searched else 0
         some, (points, axes, dt) = self._steps(first, states, points, axes)
         width = kept_states.width(dt)
-        on._kept = self._kept.copy() if len(self._kept) else np.zeros((states, count, width))
-        swinging.lead_on(
-            some, count, points, axes, dt, self.cup, self.static, len(self._behind), on._kept
-        )
-        on._behind = np.hstack([points, axes])[-((width - kept_states.ROWS) // 2) :]
+        kept = before.copy() if len(before) else np.zeros((states, count, width))
+        swinging.lead_on(some, count, points, axes, dt, self.cup, self.static, len(behind), kept)
+        on._before = _Before(kept, np.hstack([points, axes])[-((width - kept_states.ROWS) // 2) :])
         return on
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
@@ -331,7 +366,9 @@ class Hanging(PushModel):
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
-        if self._leaves == swinging.NEVER:  # the force on the target is a separate part of the harm
+        if (
+            self._way.leaves == swinging.NEVER
+        ):  # the force on the target is a separate part of the harm
             on_fruit[0] = 0.0
         crushed = int(np.argmax(on_fruit))
         parts = (
@@ -371,16 +408,16 @@ class Hanging(PushModel):
 
         The motion is points and tool axes (T, 3), and the time of a step [s].
         """
-        every = every or self._every
+        every, behind = every or self._way.every, self._before.behind
         low, high = first * self.count, (first + states) * self.count
         some = bending.Stems(*(values[low:high] for values in self.stems))
         chosen = np.append(np.arange(0, len(points) - 1, every), len(points) - 1)
         if self._by is not None:
             some = some._replace(drift=np.tile(self._by[:, chosen], (states, 1, 1)))
         points, axes = points[chosen], axes[chosen]
-        if len(self._behind):
-            points = np.concatenate([self._behind[:, :3], points[1:]])
-            axes = np.concatenate([self._behind[:, 3:], axes[1:]])
+        if len(behind):
+            points = np.concatenate([behind[:, :3], points[1:]])
+            axes = np.concatenate([behind[:, 3:], axes[1:]])
         return some, (points, axes, every * STEP / HANGING.model_speed)
 
 
