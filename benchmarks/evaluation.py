@@ -17,7 +17,7 @@ from optipromp.core.optimization.costs.joints import VelocityCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost, SelfCost
 from optipromp.core.optimization.evaluation import BodyPoints
 from optipromp.core.optimization.problem import Problem, Surroundings
-from optipromp.core.planning.task import reach as arm_reach
+from optipromp.core.optimization.problem import reach as arm_reach
 from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import Cup, with_tool

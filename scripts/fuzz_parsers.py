@@ -36,7 +36,7 @@ READERS = [
     "optipromp.core.geometry.loading", "optipromp.core.errors", "optipromp.core.output",
     "optipromp.core.trajectory", "optipromp.core.promp.demonstrations",
     "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.io",
-    "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
+    "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.values",
     "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
     "optipromp.readers.urdf", "optipromp.readers.robot_file",
     "optipromp.readers.arm", "optipromp.core.robots.resolved",

@@ -17,10 +17,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.result import RETREAT
-from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
 
 

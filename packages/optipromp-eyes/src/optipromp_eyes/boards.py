@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.core.scenes.values import suggest
+from optipromp.core.errors import InvalidRequestError, installed_by, suggest
 
 Pattern = Literal["chessboard", "charuco", "apriltag"]
 FEWEST = 4  # points of a board that tell its pose; a tag has four

@@ -20,14 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, suggest
 from optipromp.core.files import is_file
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.promp.demonstrations import check_limits
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.hand import flange_of
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import suggest
 from optipromp_eyes.boards import Board, opencv
 from optipromp_eyes.pictures import CameraModel, Mount, check_near, read_pixels
 

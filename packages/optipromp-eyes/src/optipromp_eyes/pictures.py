@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by, suggest
 from optipromp.core.files import read_bytes, read_npz
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import suggest
 
 Image8 = NDArray[np.uint8]  # (height, width, 3)
 DEPTH_SCALE = 1e-4  # [m] of a step in a 16-bit picture of depth, as ours are written: a choice

@@ -29,7 +29,7 @@ from scipy.interpolate import BSpline
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.budget import Budget, clock
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.judging import Judgement, Violation
 from optipromp.core.optimization import gauss_newton
 from optipromp.core.optimization.costs import Cost
@@ -51,7 +51,6 @@ from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
-from optipromp.core.scenes.values import suggest
 from optipromp.core.trajectory import Trajectory
 from optipromp_paper.paper_costs import PaperSettings, weighted
 

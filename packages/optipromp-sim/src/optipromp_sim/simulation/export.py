@@ -21,9 +21,9 @@ from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.mounted import loads_of
+from optipromp.core.scenes.pose import unit
 from optipromp.core.scenes.rotations import product, to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.scenes.values import unit
 from optipromp_sim.simulation.arm import held_body
 from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.fruits import BuiltFruit, add_fruit

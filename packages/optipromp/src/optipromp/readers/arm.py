@@ -10,10 +10,9 @@ from collections.abc import Set as AbstractSet
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from optipromp.core.errors import InvalidRobotError
+from optipromp.core.errors import InvalidRobotError, suggest
 from optipromp.core.robots.description import Arm
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.values import suggest
 from optipromp.readers.chain import (
     CENTRE,
     FLANGE,

@@ -19,14 +19,13 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.errors import InvalidRobotError, installed_by
+from optipromp.core.errors import InvalidRobotError, installed_by, suggest
 from optipromp.core.files import ALLOW_XACRO, LARGEST_TEXT, is_file, is_folder, is_there, read_bytes
 from optipromp.core.geometry.loading import face_fault, index_fault
 from optipromp.core.parameters import parameter
 from optipromp.core.processes import THREADS
 from optipromp.core.robots.description import LinkShape, mesh_file, mesh_name
 from optipromp.core.robots.library import Argument, folders_of
-from optipromp.core.scenes.values import suggest
 from optipromp.readers.urdf import LENGTH_LIMIT, UrdfModel
 
 SHOWN = 500  # letters of an error that are shown, chosen

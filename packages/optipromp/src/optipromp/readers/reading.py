@@ -15,13 +15,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import NamedTuple, NoReturn
 
-from optipromp.core.errors import InvalidRequestError, InvalidRobotError
+from optipromp.core.errors import InvalidRequestError, InvalidRobotError, suggest
 from optipromp.core.files import cache_folder, is_file, read_bytes, write_atomically
 from optipromp.core.robots.description import meshes_found
 from optipromp.core.robots.library import Check, Choice
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.resolved import SUFFIX, read_resolved, resolved
-from optipromp.core.scenes.values import suggest
 from optipromp.readers.arm import linkages, srdf_files
 from optipromp.readers.mjcf import is_mjcf, mjcf_files, read_mjcf
 from optipromp.readers.packages import expanded, is_xacro, mesh_files, with_meshes_found

@@ -3,6 +3,7 @@
 :class:`Cost` is the contract of a cost.
 """
 
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -64,6 +65,9 @@ class BodyPoints:
 
     def __len__(self) -> int:
         return len(self.segment)
+
+
+body_points = functools.lru_cache(maxsize=32)(BodyPoints)  # compares robots by identity
 
 
 def _grouped_pairs(

@@ -1,19 +1,25 @@
 """The optimisation problem: costs and constraints over the free waypoints of a trajectory."""
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, read_only
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.optimization import kernels
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.joints import smoothness
-from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
+from optipromp.core.optimization.evaluation import BodyPoints, Evaluation, body_points
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.scene import Scene
 
+FARTHER = 0.1  # [m] beyond its reach, where objects still concern the arm: a choice
+
+
+NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
 ANCHOR = 1e3  # [1/T⁴] weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in the metric: a choice for slow bends
 
 
@@ -55,6 +61,109 @@ class Surroundings:
             field = e.static if one.field == "static" else e.dynamic
             sizes = one.radius, one.bound
             field.measure_too(e, one.obstacles, one.shared, cutoff, sizes)
+
+
+@functools.lru_cache(maxsize=32)
+def reach(robot: Robot) -> float:
+    """Largest distance of any point of the robot from the base origin, in any configuration [m]."""
+    kin = robot.kinematics
+    far = float(np.linalg.norm(kin.translation, axis=1).sum())
+    slide = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[kin.dof]
+    slide = np.abs(kin.multiplier) * slide + np.abs(kin.offset)
+    far += float(slide[kin.kind == 1].sum())
+    spheres = np.linalg.norm(robot.spheres.center, axis=1) + robot.spheres.radius
+    return far + max(float(spheres.max(initial=0.0)), float(np.linalg.norm(robot.tool_point)))
+
+
+@functools.lru_cache(maxsize=4)
+def surroundings_of(scene: Scene, robot: Robot) -> Surroundings:
+    """The obstacles of a scene within the reach of a robot."""
+    far = reach(robot) + FARTHER
+    asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
+
+    static, avoid, push = (
+        scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
+    )
+    apart = [is_special(scene, robot, rows) for rows in (static, avoid, push)]
+    special: tuple[Special, ...] = ()
+    if any(own.any() for own in apart):
+        other = np.concatenate([avoid[apart[1]], push[apart[2]]]), int(apart[1].sum())
+        special = tuple(specials(scene, robot, body_points(robot), static[apart[0]], other))
+        static, avoid, push = static[~apart[0]], avoid[~apart[1]], push[~apart[2]]
+    return Surroundings(
+        static=scene.packed(static, reach=asked, within=far),
+        dynamic=scene.packed(np.concatenate([avoid, push]), reach=asked, within=far),
+        shared=len(avoid),
+        special=special,
+    )
+
+
+def rooms(scene: Scene, robot: Robot, rows: IntArray) -> FloatArray:
+    """The room (L, K) of the links with spheres from the objects in ``rows`` (K,).
+
+    It is the distance that a link keeps from an object beyond contact [m]: the padding, or minus
+    infinity where the two may touch.
+    """
+    links = [robot.link_names[k] for k in np.unique(robot.spheres.link)]
+    out = np.zeros((len(links), len(rows)))
+    for column, item in enumerate(scene.objects_at(rows)):
+        out[:, column] = scene.padding_of(item)
+        if scene.may_touch:
+            spared = [scene.may_meet(name, item.id) for name in links]
+            out[spared, column] = -np.inf
+    return out
+
+
+def is_special(scene: Scene, robot: Robot, rows: IntArray) -> BoolArray:
+    """Which of the objects in ``rows`` (K,) have a room that is not 0."""
+    if scene.touches_alike:
+        return np.zeros(len(rows), dtype=np.bool_)
+    return np.asarray(rooms(scene, robot, rows).any(axis=0))
+
+
+def specials(
+    scene: Scene, robot: Robot, body: BodyPoints, static: IntArray, dynamic: tuple[IntArray, int]
+) -> Iterator[Special]:
+    """The special obstacles of the optimisation, by rooms that are alike.
+
+    ``static``: rows of special static objects. ``dynamic``: rows of special objects to avoid and
+    then to push, and the number of the first.
+    """
+    sizes = np.diff(body.link_start)
+    for name, rows, shared in (("static", static, len(static)), ("dynamic", *dynamic)):
+        room = rooms(scene, robot, rows)
+        for column in np.unique(room, axis=1).T:
+            mine = (room == column[:, None]).all(axis=0)
+            yield Special(
+                name, scene.packed(rows[mine]), int(mine[:shared].sum()),
+                read_only(body.radius + np.repeat(column, sizes)),
+                read_only(body.link_bound + column),
+            )  # fmt: skip
+
+
+class RoomApart(NamedTuple):
+    """All special obstacles: static ones, then those to avoid, then those to push.
+
+    ``room`` (L, K) is minus infinity also between the last link or the tool and all that is not
+    static.
+    """
+
+    obstacles: Obstacles
+    room: FloatArray
+
+
+@functools.lru_cache(maxsize=4)
+def apart(scene: Scene, robot: Robot, far: float) -> RoomApart:
+    """The special obstacles within ``far`` [m] of the base, for the search of ways."""
+    found = [scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")]
+    kept = [rows[is_special(scene, robot, rows)] for rows in found]
+    rows = np.concatenate(kept)
+    room = rooms(scene, robot, rows)
+    links = np.unique(robot.spheres.link)
+    distal = np.isin(links, robot.spheres.link[robot.spheres.distal])
+    role = np.repeat(np.arange(3), [len(one) for one in kept])
+    room[np.ix_(distal, role > 0)] = -np.inf
+    return RoomApart(scene.packed(rows), np.ascontiguousarray(room))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,9 @@ from optipromp.core.budget import Budget
 from optipromp.core.compiled import inlined, inner, kernel
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.geometry.obstacles import Obstacles, appended, pack
+from optipromp.core.optimization.problem import FARTHER, apart, reach
 from optipromp.core.planning.parameters import TREE
-from optipromp.core.planning.task import FARTHER, Task, apart, reach
+from optipromp.core.planning.task import Task
 from optipromp.core.robots.kernels import Kinematics, carried_points, chain_frames
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene

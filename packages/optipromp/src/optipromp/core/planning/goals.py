@@ -1,15 +1,18 @@
 """Goal configurations: found by inverse kinematics, ranked by clearance, checked for contacts."""
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 
 from optipromp.core import judging
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, rotation
 from optipromp.core.budget import Budget
 from optipromp.core.optimization.costs.obstacles import self_overlap
 from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import collision
 from optipromp.core.planning.parameters import GOAL
-from optipromp.core.planning.task import Task, poses
+from optipromp.core.planning.task import Task
 from optipromp.core.robots import ik
 from optipromp.core.robots.ik import level, rolled
 from optipromp.core.scenes.scene import JointGoal, PoseGoal, RegionGoal
@@ -163,3 +166,37 @@ def choose(
         return clear, ""
     told = f"every one of {len(goals)} configurations found at the goal touches: {blocked}"
     return goals[: GOAL.enough], told
+
+
+def poses(goal: RegionGoal, seed: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
+    """Poses in a region: its middle first, then ``GOAL.poses`` of a uniform distribution.
+
+    Each is a tool point (3,) and what :func:`optipromp.core.robots.ik.solve` takes for its axis.
+    There is the middle alone where the goal has no tolerances.
+    """
+    frame = goal.rotation
+    yield goal.position, _axes(goal, np.eye(3))
+    if goal.within is None and goal.angle is None:
+        return
+    rng = np.random.default_rng(seed)
+    for _ in range(GOAL.poses):
+        off, box = rng.uniform(-1.0, 1.0, 3), goal.extents
+        if goal.within is None:
+            off = np.zeros(3)
+        elif box is not None:
+            off = box[1] @ (box[0] * off)
+        else:
+            off *= goal.radius * rng.random() ** (1.0 / 3.0) / math.hypot(*off)
+        about = rng.standard_normal(3)
+        if frame is None and goal.axis is not None:  # the roll about the axis is free
+            about -= (about @ goal.axis) * goal.axis
+        tilt = 0.0 if goal.angle is None else goal.tilt * rng.random()
+        turn = rotation(about / math.hypot(*about), GOAL.inside * tilt)
+        yield goal.position + GOAL.inside * off, _axes(goal, turn)
+
+
+def _axes(goal: RegionGoal, turn: FloatArray) -> FloatArray | None:
+    """Tool axis (3,), or z and y of the tool's frame (2, 3), turned; None: free."""
+    if goal.rotation is not None:
+        return np.asarray((turn @ goal.rotation).T[[2, 1]])
+    return None if goal.axis is None else np.asarray(turn @ goal.axis)

@@ -12,9 +12,10 @@ from optipromp.core.budget import clock
 from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
-from optipromp.core.planning.task import Task, as_of, passages, reached
+from optipromp.core.planning.task import Task, as_of, passages
 from optipromp.core.pushing.model import Prediction, PushModel
 from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.goals import reached
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.shown import Shown
 from optipromp.core.trajectory import State, Trajectory

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError
+from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError, suggest
 from optipromp.core.planning.legs import Picked, legs_of, plan_whole
 from optipromp.core.planning.options import PlanOptions, stated
 from optipromp.core.planning.plan import check_request, plan
@@ -18,7 +18,6 @@ from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.scenes.values import suggest
 
 HARMLESS = 0.05  # [1] harm below which plans are equally good: 1 % of them fail (docs/studies.md)
 

@@ -1,26 +1,23 @@
 """A task: the scene's robot with its tool, start, goal, obstacles, neighbours and push model."""
 
 import functools
-import math
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths, read_only, rotation
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError, StartInvalidError
 from optipromp.core.geometry import distances, pack
-from optipromp.core.geometry.obstacles import Obstacles
-from optipromp.core.optimization.evaluation import BodyPoints
-from optipromp.core.optimization.problem import Special, Surroundings
-from optipromp.core.planning.parameters import GOAL
+from optipromp.core.optimization.evaluation import BodyPoints, body_points
+from optipromp.core.optimization.problem import Surroundings, surroundings_of
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Combined, Continued, PushModel
 from optipromp.core.pushing.packs import standing
-from optipromp.core.pushing.packs.standing import Standing, rings_of
+from optipromp.core.pushing.packs.standing import Standing, rings_of, wrist
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, along, evenly, length, turning
 from optipromp.core.pushing.rules import neighbours
@@ -32,17 +29,14 @@ from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
-from optipromp.core.scenes.goals import ANGLE, WITHIN, Goal, JointGoal, PoseGoal, RegionGoal
+from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, at_goal
 from optipromp.core.scenes.held import Pair, check_names
 from optipromp.core.scenes.objects import ObjectMotion
 from optipromp.core.scenes.scene import Attached, Scene, SceneObject, bare_robot
 from optipromp.core.trajectory import State, Trajectory
 
-AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
 MOST_POINTS = 50_000  # of a tool's motion, which are 50 m at STEP: more than any arm's
 MOMENTS = 200  # of a trajectory at which the passage of what moves is looked for: a choice
-FARTHER = 0.1  # [m] beyond its reach, where objects still concern the arm: a choice
-NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,12 +107,12 @@ class Task:
     @property
     def body(self) -> BodyPoints:
         """The points of the robot that the planning loop follows."""
-        return _body(self.robot)
+        return body_points(self.robot)
 
     @functools.cached_property
     def surroundings(self) -> Surroundings:
         """Obstacles by role, packed when they are first read."""
-        return _surroundings(self.scene, self.robot)
+        return surroundings_of(self.scene, self.robot)
 
     @functools.cached_property
     def _models(self) -> dict[bytes, PushModel | None]:
@@ -162,10 +156,7 @@ class Task:
         return at_goal(self.robot, self.goal, q)
 
 
-# Both caches compare robots by identity: an unchanged file gives the same robot object.
-_body = functools.lru_cache(maxsize=32)(BodyPoints)
-
-
+# Compares robots by identity: an unchanged file gives the same robot object.
 @functools.lru_cache(maxsize=32)
 def _equip(
     robot: Robot, spec: tuple[str, tuple[tuple[str, Any], ...]] | None,
@@ -312,40 +303,6 @@ def changed(task: Task, **done: Any) -> Task:
     return replace(task, underway=replace(task.underway, **done))
 
 
-@functools.lru_cache(maxsize=32)
-def reach(robot: Robot) -> float:
-    """Largest distance of any point of the robot from the base origin, in any configuration [m]."""
-    kin = robot.kinematics
-    far = float(np.linalg.norm(kin.translation, axis=1).sum())
-    slide = np.maximum(np.abs(robot.lower), np.abs(robot.upper))[kin.dof]
-    slide = np.abs(kin.multiplier) * slide + np.abs(kin.offset)
-    far += float(slide[kin.kind == 1].sum())
-    spheres = np.linalg.norm(robot.spheres.center, axis=1) + robot.spheres.radius
-    return far + max(float(spheres.max(initial=0.0)), float(np.linalg.norm(robot.tool_point)))
-
-
-@functools.lru_cache(maxsize=4)
-def _surroundings(scene: Scene, robot: Robot) -> Surroundings:
-    far = reach(robot) + FARTHER
-    asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
-
-    static, avoid, push = (
-        scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
-    )
-    apart = [is_special(scene, robot, rows) for rows in (static, avoid, push)]
-    special: tuple[Special, ...] = ()
-    if any(own.any() for own in apart):
-        other = np.concatenate([avoid[apart[1]], push[apart[2]]]), int(apart[1].sum())
-        special = tuple(specials(scene, robot, _body(robot), static[apart[0]], other))
-        static, avoid, push = static[~apart[0]], avoid[~apart[1]], push[~apart[2]]
-    return Surroundings(
-        static=scene.packed(static, reach=asked, within=far),
-        dynamic=scene.packed(np.concatenate([avoid, push]), reach=asked, within=far),
-        shared=len(avoid),
-        special=special,
-    )
-
-
 def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
     scene, tool = task.scene, task.robot.tool
     if tool is None or not isinstance(task.goal, PoseGoal):
@@ -353,7 +310,15 @@ def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
     models: list[PushModel] = []
     if stands(task):
         rings = rings_of(task.robot)
-        models.append(Standing(scene, tool, wrist(task, goal), rings=rings, risk=task.risk))
+        models.append(
+            Standing(
+                scene,
+                tool,
+                wrist(task.robot, scene, task.goal.position, goal),
+                rings=rings,
+                risk=task.risk,
+            )
+        )
     if hanging.applies(scene, tool, task.neighbours or task.underway.passed):
         radius, flange = task.robot.gripper_radius, flange_of(task.robot)
         models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange, task.risk))
@@ -393,33 +358,6 @@ def emptied(scene: Scene) -> Scene:
     """The scene without the pushables that stand."""
     kept = (item for item in scene.objects if item.role != "pushable" or item.stem is not None)
     return replace(scene, objects=tuple(kept))
-
-
-def wrist(task: Task, goal: FloatArray) -> list[FloatArray]:
-    """The links among the standing objects, for a goal configuration (n,): a box (4, 2) per link.
-
-    The boxes are in the coordinates of the tool's outline, at the target.
-    """
-    robot, scene = task.robot, task.scene
-    assert isinstance(task.goal, PoseGoal)
-    local = (robot.sphere_centers(goal) - task.goal.position) @ scene.frame.T
-    radius, link = np.asarray(robot.spheres.radius), np.asarray(robot.spheres.link)
-    packs = [(obj.position - task.goal.position) @ scene.frame[0] for obj in scene.pushables]
-    tall = max(obj.radius for obj in scene.pushables)
-    level_with = (local[:, 0] + radius > min(packs) - tall) & (
-        local[:, 0] - radius < max(packs) + tall
-    )
-    near = level_with & (local[:, 2] + radius > -AMONG) & (link < robot.n_own_links)
-    out = []
-    for one in np.unique(link[near]):
-        mine = near & (link == one)
-        flat = local[mine][:, [2, 1]]
-        (u0, v0), (u1, v1) = (
-            (flat - radius[mine, None]).min(axis=0),
-            (flat + radius[mine, None]).max(axis=0),
-        )
-        out.append(np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]))
-    return out
 
 
 ALONG = 0.0005  # [m] chosen: between points of a stem, half of the judge's tolerance of a goal
@@ -481,130 +419,3 @@ def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatA
     if noise:
         warnings.warn(f"{told} by {over[worst]:.2g}: moved to the limit", stacklevel=4)
     return np.clip(q, robot.lower, robot.upper)
-
-
-def at_goal(robot: Robot, goal: Goal, q: FloatArray) -> bool:
-    """Whether configuration ``q`` (n,) is at a goal, within its tolerances."""
-    if isinstance(goal, JointGoal):
-        return bool(np.max(np.abs(robot.turns.missed(q, goal.joints))) < WITHIN)
-    point, axis = robot.tool_pose(q)
-    if isinstance(goal, PoseGoal):
-        near = np.linalg.norm(point - goal.position) < WITHIN
-        return bool(near and axis @ goal.axis > math.cos(math.radians(ANGLE)))
-    off, box = point - goal.position, goal.extents
-    inside = math.hypot(*off) < goal.radius
-    if box is not None:
-        inside = bool((np.abs(off @ box[1]) < box[0]).all())
-    if goal.rotation is not None:
-        turn = robot.segment_frames(q)[1][-1] @ robot.tool_rotation
-        cosine = 0.5 * (float(np.sum(turn * goal.rotation)) - 1.0)
-    else:
-        cosine = 1.0 if goal.axis is None else float(axis @ goal.axis)
-    return inside and cosine > math.cos(goal.tilt)
-
-
-def reached(robot: Robot, goals: tuple[Goal, ...], q: FloatArray) -> int | None:
-    """The index of the first goal that configuration ``q`` (n,) is at; None: it is at none."""
-    return next((k for k, goal in enumerate(goals) if at_goal(robot, goal, q)), None)
-
-
-def poses(goal: RegionGoal, seed: int) -> Iterator[tuple[FloatArray, FloatArray | None]]:
-    """Poses in a region: its middle first, then ``GOAL.poses`` of a uniform distribution.
-
-    Each is a tool point (3,) and what :func:`optipromp.core.robots.ik.solve` takes for its axis.
-    There is the middle alone where the goal has no tolerances.
-    """
-    frame = goal.rotation
-    yield goal.position, _axes(goal, np.eye(3))
-    if goal.within is None and goal.angle is None:
-        return
-    rng = np.random.default_rng(seed)
-    for _ in range(GOAL.poses):
-        off, box = rng.uniform(-1.0, 1.0, 3), goal.extents
-        if goal.within is None:
-            off = np.zeros(3)
-        elif box is not None:
-            off = box[1] @ (box[0] * off)
-        else:
-            off *= goal.radius * rng.random() ** (1.0 / 3.0) / math.hypot(*off)
-        about = rng.standard_normal(3)
-        if frame is None and goal.axis is not None:  # the roll about the axis is free
-            about -= (about @ goal.axis) * goal.axis
-        tilt = 0.0 if goal.angle is None else goal.tilt * rng.random()
-        turn = rotation(about / math.hypot(*about), GOAL.inside * tilt)
-        yield goal.position + GOAL.inside * off, _axes(goal, turn)
-
-
-def _axes(goal: RegionGoal, turn: FloatArray) -> FloatArray | None:
-    """Tool axis (3,), or z and y of the tool's frame (2, 3), turned; None: free."""
-    if goal.rotation is not None:
-        return np.asarray((turn @ goal.rotation).T[[2, 1]])
-    return None if goal.axis is None else np.asarray(turn @ goal.axis)
-
-
-def rooms(scene: Scene, robot: Robot, rows: IntArray) -> FloatArray:
-    """The room (L, K) of the links with spheres from the objects in ``rows`` (K,).
-
-    It is the distance that a link keeps from an object beyond contact [m]: the padding, or minus
-    infinity where the two may touch.
-    """
-    links = [robot.link_names[k] for k in np.unique(robot.spheres.link)]
-    out = np.zeros((len(links), len(rows)))
-    for column, item in enumerate(scene.objects_at(rows)):
-        out[:, column] = scene.padding_of(item)
-        if scene.may_touch:
-            spared = [scene.may_meet(name, item.id) for name in links]
-            out[spared, column] = -np.inf
-    return out
-
-
-def is_special(scene: Scene, robot: Robot, rows: IntArray) -> BoolArray:
-    """Which of the objects in ``rows`` (K,) have a room that is not 0."""
-    if scene.touches_alike:
-        return np.zeros(len(rows), dtype=np.bool_)
-    return np.asarray(rooms(scene, robot, rows).any(axis=0))
-
-
-def specials(
-    scene: Scene, robot: Robot, body: BodyPoints, static: IntArray, dynamic: tuple[IntArray, int]
-) -> Iterator[Special]:
-    """The special obstacles of the optimisation, by rooms that are alike.
-
-    ``static``: rows of special static objects. ``dynamic``: rows of special objects to avoid and
-    then to push, and the number of the first.
-    """
-    sizes = np.diff(body.link_start)
-    for name, rows, shared in (("static", static, len(static)), ("dynamic", *dynamic)):
-        room = rooms(scene, robot, rows)
-        for column in np.unique(room, axis=1).T:
-            mine = (room == column[:, None]).all(axis=0)
-            yield Special(
-                name, scene.packed(rows[mine]), int(mine[:shared].sum()),
-                read_only(body.radius + np.repeat(column, sizes)),
-                read_only(body.link_bound + column),
-            )  # fmt: skip
-
-
-class RoomApart(NamedTuple):
-    """All special obstacles: static ones, then those to avoid, then those to push.
-
-    ``room`` (L, K) is minus infinity also between the last link or the tool and all that is not
-    static.
-    """
-
-    obstacles: Obstacles
-    room: FloatArray
-
-
-@functools.lru_cache(maxsize=4)
-def apart(scene: Scene, robot: Robot, far: float) -> RoomApart:
-    """The special obstacles within ``far`` [m] of the base, for the search of ways."""
-    found = [scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")]
-    kept = [rows[is_special(scene, robot, rows)] for rows in found]
-    rows = np.concatenate(kept)
-    room = rooms(scene, robot, rows)
-    links = np.unique(robot.spheres.link)
-    distal = np.isin(links, robot.spheres.link[robot.spheres.distal])
-    role = np.repeat(np.arange(3), [len(one) for one in kept])
-    room[np.ix_(distal, role > 0)] = -np.inf
-    return RoomApart(scene.packed(rows), np.ascontiguousarray(room))

@@ -27,11 +27,12 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frozen, lengths
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.optimization.problem import reach
 from optipromp.core.planning.follow import Start, Waypoints, braked
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, IN_TIME, TIMING, UNDERWAY
 from optipromp.core.planning.result import Plan, best_of
-from optipromp.core.planning.task import Task, as_of, changed, passages, reach, tool_motion
+from optipromp.core.planning.task import Task, as_of, changed, passages, tool_motion
 from optipromp.core.planning.timing import hurried, intervals, paced, slowly, stopped, tool_speeds
 from optipromp.core.planning.verdict import verdict
 from optipromp.core.pushing.packs import standing

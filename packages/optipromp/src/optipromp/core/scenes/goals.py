@@ -16,9 +16,9 @@ from pydantic import PlainValidator
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.scenes.pose import Direction, Framed, Point, Pose, Turn
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.pose import Array, Direction, Framed, Length, Point, Pose, Turn
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion
-from optipromp.core.scenes.values import Array, Length
 from optipromp.core.values import direction
 
 WITHIN = 1e-3  # [m] distance of the tool point from a goal without a tolerance; method §5
@@ -283,3 +283,28 @@ def turn_between(a: FloatArray, b: FloatArray) -> float:
         return 0.0
     chord = float(np.linalg.norm(a - b)) / (2.0 if len(a) == 1 else 2.0 * math.sqrt(2.0))
     return 2.0 * math.asin(min(1.0, chord))
+
+
+def at_goal(robot: Robot, goal: Goal, q: FloatArray) -> bool:
+    """Whether configuration ``q`` (n,) is at a goal, within its tolerances."""
+    if isinstance(goal, JointGoal):
+        return bool(np.max(np.abs(robot.turns.missed(q, goal.joints))) < WITHIN)
+    point, axis = robot.tool_pose(q)
+    if isinstance(goal, PoseGoal):
+        near = np.linalg.norm(point - goal.position) < WITHIN
+        return bool(near and axis @ goal.axis > math.cos(math.radians(ANGLE)))
+    off, box = point - goal.position, goal.extents
+    inside = math.hypot(*off) < goal.radius
+    if box is not None:
+        inside = bool((np.abs(off @ box[1]) < box[0]).all())
+    if goal.rotation is not None:
+        turn = robot.segment_frames(q)[1][-1] @ robot.tool_rotation
+        cosine = 0.5 * (float(np.sum(turn * goal.rotation)) - 1.0)
+    else:
+        cosine = 1.0 if goal.axis is None else float(axis @ goal.axis)
+    return inside and cosine > math.cos(goal.tilt)
+
+
+def reached(robot: Robot, goals: tuple[Goal, ...], q: FloatArray) -> int | None:
+    """The index of the first goal that configuration ``q`` (n,) is at; None: it is at none."""
+    return next((k for k, goal in enumerate(goals) if at_goal(robot, goal, q)), None)

@@ -12,13 +12,12 @@ import numpy as np
 from annotated_types import Gt, Le, Unit
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidSceneError
+from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.shapes import MeshShape, PointCloudShape, Shape, is_convex, parted
 from optipromp.core.robots.mounted import Load
 from optipromp.core.robots.tool_geometry import Solid
-from optipromp.core.scenes.pose import Direction, Framed, Point, Turn
+from optipromp.core.scenes.pose import LARGEST_PADDING, Array, Direction, Framed, Point, Turn
 from optipromp.core.scenes.rotations import IDENTITY
-from optipromp.core.scenes.values import LARGEST_PADDING, Array, suggest
 from optipromp.core.values import Name, Validated
 
 TOOL = "tool"  # name of the tool in ``may_touch``

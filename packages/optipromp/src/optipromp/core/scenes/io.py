@@ -14,7 +14,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.documents import built_in, read_named, write_document
-from optipromp.core.errors import InvalidRequestError, InvalidSceneError
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError, suggest
 from optipromp.core.files import check_inside
 from optipromp.core.geometry.shapes import PRIMITIVES, MeshShape, PointCloudShape, Shape
 from optipromp.core.robots.library import NOTHING, UNTRUSTED, Choice, robot_names
@@ -24,7 +24,7 @@ from optipromp.core.scenes.crops import Crop, crop_in_scene, crop_names, load_cr
 from optipromp.core.scenes.goals import Goal, RegionGoal
 from optipromp.core.scenes.held import Place
 from optipromp.core.scenes.objects import ObjectMotion, cleared
-from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.pose import Pose, unit
 from optipromp.core.scenes.scene import (
     STEM_RADIUS,
     Approach,
@@ -35,7 +35,6 @@ from optipromp.core.scenes.scene import (
     ToolSpec,
 )
 from optipromp.core.scenes.schema import MeshToolModel, parse, values
-from optipromp.core.scenes.values import suggest, unit
 
 __all__ = ["load_scene", "save_scene", "scene_from_dict", "scene_names", "scene_to_dict"]
 

@@ -17,9 +17,20 @@ from pydantic import AfterValidator
 from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
-from optipromp.core.scenes.pose import POINTS, Framed, Point, Pose, Quantity, Turn
+from optipromp.core.scenes.pose import (
+    POINTS,
+    Array,
+    Framed,
+    Length,
+    Padding,
+    Point,
+    Pose,
+    Quantity,
+    Turn,
+    array,
+    unit,
+)
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion
-from optipromp.core.scenes.values import Array, Length, Padding, array, unit
 from optipromp.core.values import Name, Positive, refuse, value
 
 FOR_EVER = 600.0  # [s] a choice: for so long an object with a velocity moves

@@ -9,14 +9,37 @@ from functools import cached_property
 from typing import Annotated, Any, Self, overload
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Unit
+from numpy.typing import ArrayLike
 from pydantic import PlainValidator
 from pydantic_core import core_schema
 
 from optipromp.core import values
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
+from optipromp.core.geometry.shapes import FARTHEST
 from optipromp.core.scenes.rotations import IDENTITY, from_quaternion, product, unit_quaternion
-from optipromp.core.scenes.values import Array
+
+LARGEST_PADDING = 1.0  # [m] chosen: a larger one is a number in millimetres
+Padding = Annotated[float, Ge(0.0), Le(LARGEST_PADDING), Unit("m")]
+Length = Annotated[float, Gt(0.0), Unit("m")]
+
+
+class Array(values.Array):
+    """An array of a scene."""
+
+    def __init__(self, *shape: int | None) -> None:
+        super().__init__(*shape, most=FARTHEST)
+
+
+def array(name: str, given: ArrayLike, *shape: int | None) -> FloatArray:
+    """``given`` as an :class:`Array`; ``name`` begins the error."""
+    return values.array(name, given, *shape, most=FARTHEST, error=InvalidSceneError)
+
+
+def unit(name: str, given: ArrayLike) -> FloatArray:
+    """As :func:`optipromp.core.values.direction`; ``name`` begins the error."""
+    return values.read_by(values.direction, name, given, InvalidSceneError)
 
 
 @dataclass(frozen=True, eq=False)

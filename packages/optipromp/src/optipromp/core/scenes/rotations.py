@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.scenes.values import array
+from optipromp.core.values import array
 
 IDENTITY = frozen([1.0, 0.0, 0.0, 0.0])  # the quaternion of the identity
 
@@ -28,7 +28,7 @@ def unit_quaternion(values: ArrayLike) -> FloatArray:
     if values is IDENTITY:
         return IDENTITY
     if np.shape(values) == (3, 3):
-        matrix = array("orientation", values, 3, 3)
+        matrix = array("orientation", values, 3, 3, error=InvalidSceneError)
         off = float(np.abs(matrix @ matrix.T - _EYE).max())
         if off > _TOLERANCE or np.linalg.det(matrix) < 0.0:
             raise InvalidSceneError(
@@ -36,7 +36,7 @@ def unit_quaternion(values: ArrayLike) -> FloatArray:
                 "across each other and right-handed (determinant 1)"
             )
         return to_quaternion(matrix)
-    quaternion = array("orientation", values, 4)
+    quaternion = array("orientation", values, 4, error=InvalidSceneError)
     length = math.hypot(*quaternion)
     if abs(length - 1.0) > _TOLERANCE:
         raise InvalidSceneError(

@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
-from optipromp.core.errors import InvalidSceneError
+from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
@@ -38,8 +38,7 @@ from optipromp.core.scenes.objects import (
     check_trusses,
     rooted,
 )
-from optipromp.core.scenes.pose import Direction, Framed, Pose, Span
-from optipromp.core.scenes.values import Array, Padding, suggest
+from optipromp.core.scenes.pose import Array, Direction, Framed, Padding, Pose, Span
 from optipromp.core.shown import Shown
 from optipromp.core.values import Name
 

@@ -27,12 +27,11 @@ from pydantic import (
 from pydantic_core import ErrorDetails
 
 from optipromp.core import values as checks
-from optipromp.core.errors import LONGEST_NAME, InvalidSceneError, short
+from optipromp.core.errors import LONGEST_NAME, InvalidSceneError, short, suggest
 from optipromp.core.geometry.shapes import PRIMITIVES
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.values import suggest
 from optipromp.core.values import Name, NotNegative, Positive, fault
 
 refuse = functools.partial(checks.refuse, at=":")  # the name of a value stands before it

@@ -28,6 +28,7 @@ from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 PACK = PUSH.pack
+AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
 WALLS_EVERY = 5  # poses of a path for one at which its distance from the walls is measured
 
 
@@ -431,3 +432,28 @@ def rings_of(robot: Robot) -> FloatArray:
     height = center @ robot.tool_axis
     aside = lengths(center - height[:, None] * robot.tool_axis)
     return frozen(np.column_stack([height, aside, robot.spheres.radius[own]]))
+
+
+def wrist(robot: Robot, scene: Scene, target: FloatArray, goal: FloatArray) -> list[FloatArray]:
+    """The links among the standing objects, a box (4, 2) per link.
+
+    The boxes are in the coordinates of the tool's outline, at the target.
+    """
+    local = (robot.sphere_centers(goal) - target) @ scene.frame.T
+    radius, link = np.asarray(robot.spheres.radius), np.asarray(robot.spheres.link)
+    packs = [(obj.position - target) @ scene.frame[0] for obj in scene.pushables]
+    tall = max(obj.radius for obj in scene.pushables)
+    level_with = (local[:, 0] + radius > min(packs) - tall) & (
+        local[:, 0] - radius < max(packs) + tall
+    )
+    near = level_with & (local[:, 2] + radius > -AMONG) & (link < robot.n_own_links)
+    out = []
+    for one in np.unique(link[near]):
+        mine = near & (link == one)
+        flat = local[mine][:, [2, 1]]
+        (u0, v0), (u1, v1) = (
+            (flat - radius[mine, None]).min(axis=0),
+            (flat + radius[mine, None]).max(axis=0),
+        )
+        out.append(np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]))
+    return out
