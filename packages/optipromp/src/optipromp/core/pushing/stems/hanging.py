@@ -69,6 +69,7 @@ class PathsPast(Candidates):
         self.scene, self.target, self.neighbours, self.cup = scene, target, tuple(neighbours), cup
         self.aim = target.position + scene.approach.shift
         self.camera, self.gripper_radius = camera, gripper_radius
+        self.entry = float(camera @ scene.frame[2])
         self.obstacles = obstacles
         self._frame = np.array(scene.frame)
         self._capture = float(target.position @ self._frame[2]) - cup.rim - target.radius
