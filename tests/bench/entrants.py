@@ -23,8 +23,7 @@ def entry(kind: type) -> str:
 
 def still(scene: Scene, seconds: float = 1.0, rows: int = 2) -> Trajectory:
     """A motion that stays at the scene's start."""
-    robot = bare_robot(scene)
-    start = np.asarray(scene.start)
+    robot, start = bare_robot(scene), np.asarray(scene.start)
     q = np.tile(start, (rows, 1))
     zero = np.zeros_like(q)
     return Trajectory(np.linspace(0.0, seconds, rows), q, zero, zero, robot.joint_names)

@@ -5,7 +5,6 @@ import re
 import numpy as np
 import pytest
 
-import optipromp
 from optipromp import Trajectory, plan, robot_of
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
@@ -102,7 +101,7 @@ def test_a_refusal_names_joint_value_limit_time_and_remedy() -> None:
 
 def test_a_scene_s_robot_has_its_tool() -> None:
     scene, _ = scene_of("field", 110_002)
-    robot = optipromp.robot_of(scene)
+    robot = robot_of(scene)
     made = plan(scene)
     point, _ = robot.tool_pose(made.trajectory.positions[-1])
     bare, _ = bare_robot(scene).tool_pose(made.trajectory.positions[-1])

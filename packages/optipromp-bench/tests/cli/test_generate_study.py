@@ -9,8 +9,7 @@ from tests.scenes.six_joints import six
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp.core.scenes import load_scene
-from optipromp.core.scenes.scene import bare_robot
+from optipromp.core.scenes import bare_robot, load_scene
 from optipromp_bench.experiments import study
 
 RUN = CliRunner()

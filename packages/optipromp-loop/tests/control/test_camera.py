@@ -64,10 +64,7 @@ def fruit(place: FloatArray, name: str = "f", role: str = "target") -> SceneObje
 
 def test_limits_of_a_camera_leave_a_distance_between_them() -> None:
     for near, far in ((-0.1, 1.0), (0.5, 0.5), (math.nan, 1.0), (0.1, math.nan)):
-        with pytest.raises(
-            InvalidRequestError,
-            match=r"(near|far) is .*: must be",
-        ):
+        with pytest.raises(InvalidRequestError, match=r"(near|far) is .*: must be"):
             Look(0.0, Pose(), (), near=near, far=far)
 
 

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from optipromp.core.budget import Budget, Sliced, clock, step
+from optipromp.core.budget import Budget, clock, step
 from optipromp.core.planning import plan
+from optipromp_loop.control.slices import Sliced
 
 STEPS = 23
 

@@ -20,8 +20,9 @@ from optipromp.core.planning.legs import curve_of, legs_of, plan_whole
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.looks.viewer.drawn import conditioned_on, held, moment
-from optipromp.looks.viewer.words import complaint, seconds, without_codes
+from optipromp.looks.viewer.words import seconds, without_codes
 from optipromp_page import content
+from optipromp_page.sentences import complaint
 from optipromp_page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, execute, look
 from optipromp_page.tabs import Told, Tone, of_error, of_plan, of_runs
 

@@ -11,6 +11,7 @@ from annotated_types import Gt, Unit
 from optipromp.core.arrays import FloatArray
 from optipromp.core.compiled import inner
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.judging import Metrics, Violation
 from optipromp.core.optimization.costs.joints import VelocityCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost, Reduction
 from optipromp.core.optimization.evaluation import Cost, Evaluation
@@ -19,7 +20,7 @@ from optipromp.core.optimization.problem import Problem
 from optipromp.core.planning.options import Metres, Optimised, Phase
 from optipromp.core.planning.result import Planned, Term
 from optipromp.core.planning.task import Task
-from optipromp.core.scenes.scene import PoseGoal
+from optipromp.core.scenes.scene import PoseGoal, Scene
 from optipromp.core.values import NotNegative, Positive
 
 Strategy = Literal["joint", "sequential"]
@@ -196,3 +197,24 @@ def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force,
         for i in range(3):
             force[t, tool, i] -= scale * y * value**3 * lateral[i]
     return total
+
+
+def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:
+    """Where a judged trajectory breaks the paper's constraints 1 and 2 (method §5).
+
+    Args:
+        scene: for the stems.
+        metrics: of the judged trajectory.
+        tolerance: largest permitted ``drift_shortfall`` [m].
+    """
+    out = []
+    for item in scene.pushables:
+        short, gap = metrics.drift_shortfall[item.id], metrics.stem_gap[item.id]
+        if short is not None and short > tolerance:
+            near = f"{short * 1e3:.1f} mm nearer than constraint 1 asks for"
+            text = f"the tool passes {item.id} {near}"
+            out.append(Violation("drift", text, item.id, None, short, "m"))
+        if item.stem is not None and gap is not None and gap < item.stem.radius:
+            text = f"the line from the tool to {item.id} meets its stem"
+            out.append(Violation("stem", text, item.id, None, item.stem.radius - gap, "m"))
+    return out

@@ -52,7 +52,7 @@ from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.trajectory import Trajectory
-from optipromp_paper.paper_costs import PaperSettings, weighted
+from optipromp_paper.paper_costs import PaperSettings, paper_violations, weighted
 
 
 @dataclass(frozen=True)
@@ -363,7 +363,7 @@ def _judged(posed: Posed, q: FloatArray, stages: Sequence[Stage]) -> Solved:
         ]  # fmt: skip
         missing += [
             found
-            for found in judging.paper_violations(task.scene, judgement.metrics)
+            for found in paper_violations(task.scene, judgement.metrics)
             if found.kind == "stem"  # constraint 2; constraint 1 is asked above, for the offset
         ]
         judgement = replace(judgement, violations=(*judgement.violations, *missing))

@@ -20,6 +20,7 @@ from optipromp.core.judging.speed import passages as judged_passing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Approach, Scene, SceneObject, Stem
 from optipromp.core.trajectory import State
+from optipromp_paper.paper_costs import paper_violations
 
 FRUIT = np.array([0.0, 0.0, 0.6])
 TARGET = np.array([0.0, 0.0, 0.75])
@@ -222,7 +223,7 @@ def test_the_papers_constraints_as_a_check(gantry: Robot) -> None:
             "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(FRUIT + [np.zeros(3), stem])
         )
         scene = to(None, obj("target", Sphere(0.015), TARGET, name="ripe"), hung)
-        found = judging.paper_violations(scene, judgement.metrics)
+        found = paper_violations(scene, judgement.metrics)
         assert [violation.kind for violation in found] == kinds
         assert all(v.subject == "n" and " n" in str(v) for v in found)
         if kinds == ["drift"]:

@@ -281,7 +281,7 @@ def test_refusals(before: Plan) -> None:
         ({"at": 1.0}, "go together"),
         ({"previous": before, "at": end + 1.0}, "lasts from 0 to"),
         ({"previous": before, "at": -0.1}, "lasts from 0 to"),
-        ({"start_state": (np.zeros(7), np.zeros(3))}, "velocity of a state has shape"),
+        ({"start_state": (np.zeros(7), np.zeros(3))}, r"state\.velocity has shape"),
         ({"start_state": 3.0}, "start_state must be"),
     ):
         with pytest.raises(InvalidRequestError, match=message):

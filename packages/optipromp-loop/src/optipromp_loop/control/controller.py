@@ -18,14 +18,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, rotation
-from optipromp.core.budget import Sliced
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.legs import led_out
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.warming import compile_once
-from optipromp.core.planning.ways import ways_out
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
@@ -35,9 +33,11 @@ from optipromp_loop.control import driver
 from optipromp_loop.control.camera import CameraWatch
 from optipromp_loop.control.driver import Driver, Route
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
+from optipromp_loop.control.slices import Sliced
 from optipromp_loop.control.stiffness import Stiffness, by_wrench
 from optipromp_loop.control.tracker import Tracked, Tracker
 from optipromp_loop.control.tracks import TrackerParameters
+from optipromp_loop.control.wayout import ways_out
 
 
 class LoopStage(StrEnum):

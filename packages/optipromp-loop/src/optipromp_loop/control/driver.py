@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated
 
 import numpy as np
-from annotated_types import Unit
 
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frozen, lengths
@@ -22,6 +20,7 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
 from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.values import Unlimited
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
 from optipromp_loop.control.stiffness import Stiffness
 from optipromp_loop.control.tracker import Tracked
@@ -104,8 +103,7 @@ class Course(Stretch):
     """A stretch that follows a route."""
 
     phase: float  # time in the route at ``begins`` [s]
-    # time of the curve over time of the route; infinite for an arm that waits
-    rate: Annotated[float, Unit("1 or inf")]
+    rate: Unlimited  # time of the curve over time of the route; infinite for an arm that waits
 
     def phase_at(self, time: float) -> float:
         """Time in the route at a ``time`` [s]."""

@@ -1,7 +1,7 @@
 """A scene and its robot as a MuJoCo model."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.pushing.stems.bending import shifts
+from optipromp.core.pushing.stems.bending import hanging_balls, part
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.objects import UNSEEN_SPREAD, ObjectMotion, parents_first, rooted
 from optipromp.core.scenes.pose import Pose
@@ -416,3 +416,19 @@ def add_grip(spec: Any, scene: Scene, robot: Robot) -> None:
         name=GRIP, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="tool",
         name2=f"fruit:{scene.target.id}", active=False,
     )  # fmt: skip
+
+
+def shifts(objects: Sequence[SceneObject]) -> FloatArray:
+    """Motions (N, 3) of N hanging fruits after which no two of them overlap [m]."""
+    balls = [hanging_balls(item) for item in objects]
+    seen = np.array([own.center for own in balls]).reshape(-1, 3)
+    root = np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3)
+    fruit = seen[None].copy()
+    part(
+        fruit,
+        root[None],
+        np.array([own.radius for own in balls]),
+        np.array([own.above for own in balls]),
+        np.array([own.apart for own in balls]),
+    )
+    return np.asarray(fruit[0] - seen)

@@ -127,6 +127,7 @@ Positive = Annotated[float, Gt(0.0)]
 NotNegative = Annotated[float, Ge(0.0)]
 Part = Annotated[float, Ge(0.0), Le(1.0)]
 Count = Annotated[int, Gt(0)]
+Unlimited = Annotated[float, Unit(f"1 {NO_LIMIT}")]
 
 
 class Validated:

@@ -18,6 +18,5 @@ from optipromp.core.judging.validator import STATIC_MARGIN as STATIC_MARGIN
 from optipromp.core.judging.validator import Judgement as Judgement
 from optipromp.core.judging.validator import Metrics as Metrics
 from optipromp.core.judging.validator import judge as judge
-from optipromp.core.judging.validator import paper_violations as paper_violations
 from optipromp.core.judging.validator import struck as struck
 from optipromp.core.judging.validator import touching as touching

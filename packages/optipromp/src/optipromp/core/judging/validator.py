@@ -307,27 +307,6 @@ def judge(
     return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start))
 
 
-def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:
-    """Where a judged trajectory breaks the paper's constraints 1 and 2 (method §5).
-
-    Args:
-        scene: for the stems.
-        metrics: of the judged trajectory.
-        tolerance: largest permitted ``drift_shortfall`` [m].
-    """
-    out = []
-    for item in scene.pushables:
-        short, gap = metrics.drift_shortfall[item.id], metrics.stem_gap[item.id]
-        if short is not None and short > tolerance:
-            near = f"{short * 1e3:.1f} mm nearer than constraint 1 asks for"
-            text = f"the tool passes {item.id} {near}"
-            out.append(Violation("drift", text, item.id, None, short, "m"))
-        if item.stem is not None and gap is not None and gap < item.stem.radius:
-            text = f"the line from the tool to {item.id} meets its stem"
-            out.append(Violation("stem", text, item.id, None, item.stem.radius - gap, "m"))
-    return out
-
-
 def _motion(
     robot: Robot, trajectory: Trajectory, start: State | None
 ) -> tuple[dict[str, float], list[Violation]]:

@@ -457,19 +457,3 @@ def part(fruit, root, radius, above, apart):
                             fruit[m, o, k] -= 0.5 * (deep + BEAM.parting_gap) * way[k]
             if not moved:
                 break
-
-
-def shifts(objects: Sequence[SceneObject]) -> FloatArray:
-    """Motions (N, 3) of N hanging fruits after which no two of them overlap [m]."""
-    balls = [hanging_balls(item) for item in objects]
-    seen = np.array([own.center for own in balls]).reshape(-1, 3)
-    root = np.array([t.stem.points[-1] for t in objects if t.stem is not None]).reshape(-1, 3)
-    fruit = seen[None].copy()
-    part(
-        fruit,
-        root[None],
-        np.array([own.radius for own in balls]),
-        np.array([own.above for own in balls]),
-        np.array([own.apart for own in balls]),
-    )
-    return np.asarray(fruit[0] - seen)
