@@ -5,11 +5,12 @@ Parameters that the push models have too are taken from there.
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.parameters import Checked, Kind, parameter
+from optipromp.core.parameters import Checked, Parameter, parameter
+from optipromp.core.parameters import catalogue as listed
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.crops import Crop
 from optipromp.core.values import Count, Part, Positive
@@ -203,23 +204,6 @@ OF_CROP: Mapping[tuple[str, str], str] = {
 """The parameters that a crop has rows of."""
 
 
-@dataclass(frozen=True)
-class Parameter:
-    """One parameter as :func:`catalogue` lists it."""
-
-    name: str
-    value: Any
-    unit: str
-    kind: Kind
-    source: str
-
-
 def catalogue(parameters: SimulationParameters | None = None) -> Iterator[Parameter]:
     """Every parameter by its dotted name, with unit, kind and source."""
-    parameters = parameters or SimulationParameters()
-    for group in fields(parameters):
-        branch = getattr(parameters, group.name)
-        for item in fields(branch):
-            yield Parameter(
-                f"{group.name}.{item.name}", getattr(branch, item.name), **item.metadata
-            )
+    return listed(parameters or SimulationParameters())

@@ -1,7 +1,7 @@
 """Parameters: numbers with their unit and origin.
 
 A group of parameters is a frozen dataclass. Each field has ``unit``, ``source`` and ``kind`` as
-metadata:
+metadata (:func:`catalogue` lists them):
 
 - ``measured``: by the people that the source names, or by us on what the source names;
 - ``reported``: a usual value of the harvesting literature, not traced to a measurement;
@@ -10,7 +10,8 @@ metadata:
 - ``choice``: a setting of a model, a solver or a judge, not a property of nature.
 """
 
-from dataclasses import dataclass, field, fields
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields, is_dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 from annotated_types import Ge, Unit
@@ -60,3 +61,25 @@ class Checked(Settings):
         unit = cls.__dataclass_fields__[name].metadata.get("unit", "")
         above = [Ge(0)] if hint in (int, float) and name not in cls.signed else []
         return Annotated[hint, *above, Unit(unit)]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One parameter as :func:`catalogue` lists it."""
+
+    name: str
+    value: Any
+    unit: str
+    kind: Kind
+    source: str
+
+
+def catalogue(parameters: Any) -> Iterator[Parameter]:
+    """The parameters of a dataclass of groups, by their dotted names."""
+    for group in fields(parameters):
+        branch = getattr(parameters, group.name)
+        assert is_dataclass(branch)
+        for item in fields(branch):
+            yield Parameter(
+                f"{group.name}.{item.name}", getattr(branch, item.name), **item.metadata
+            )
