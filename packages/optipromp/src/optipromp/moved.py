@@ -24,6 +24,7 @@ NOW = {
     "cli.study": "%_bench.commands.study",
     "cli.bench": "%_bench.commands.bench",
     "cli.episodes": "%_bench.commands.episodes",
+    "core.scenes.values": "%.core.scenes.pose",
 }
 """The new names, with ``%`` for optipromp, by the old ones in it."""
 

@@ -160,7 +160,7 @@ class Validated:
 
 def fitted(kind: type, given: dict[str, Any]) -> dict[str, Any]:
     """Values of fields of any dataclass, by name, as the annotations of the fields say."""
-    return _form_of(kind).read(given, InvalidRequestError, "")
+    return given | _form_of(kind).read(given, InvalidRequestError, "")
 
 
 def value(
@@ -276,22 +276,32 @@ def notes(hint: Any) -> Iterator[Any]:
 
 
 def _told(found: Sequence[ErrorDetails], given: Any, hint: Any) -> str:
-    """What is wrong with a value of a field, in words."""
-    error, value, path = found[0], given, ""
-    for step in error["loc"]:  # of a union, it has names of types too
+    """What is wrong with a value of a field, in words; of a union, what is wrong deepest in it."""
+    places = [_place(one, given) for one in found]
+    deepest = max(depth for _, _, depth in places)
+    path, value, _ = next(place for place in places if place[2] == deepest)
+    found = [one for one, (*_, depth) in zip(found, places, strict=True) if depth == deepest]
+    if found[0]["type"] == "missing":  # in a tuple
+        return f"{path} has {len(value)} entries: must have {int(found[-1]['loc'][-1]) + 1}"
+    return fault(path, value, found, list(notes(hint)))
+
+
+def _place(error: ErrorDetails, value: Any) -> tuple[str, Any, int]:
+    """Name, value and depth of what an error is about; its ``loc`` names types of a union too."""
+    path, depth = "", 0
+    for step in error["loc"]:
         if isinstance(value, Mapping) and step in value:
             path += f".{step}" if path else str(step)
         elif isinstance(value, tuple) and isinstance(step, int) and step < len(value):
             path += f"[{step}]"
+        elif step == "[key]":
+            key = error["loc"][-2]
+            path = f"{path.removesuffix(f'.{key}')} {key!r}"
+            continue
         else:
             continue
-        value = value[step]
-    *_, key, last = ("", *error["loc"])
-    if last == "[key]":
-        path = f"{path.removesuffix(f'.{key}')} {key!r}"
-    if error["type"] == "missing":  # in a tuple
-        return f"{path} has {len(value)} entries: must have {int(found[-1]['loc'][-1]) + 1}"
-    return fault(path, value, found, list(notes(hint)))
+        value, depth = value[step], depth + 1
+    return path, value, depth
 
 
 _NUMERIC = re.compile(r"\s*[-+]?[\d.]+([eE][-+]?\d+)?\s*")
