@@ -26,7 +26,8 @@ from optipromp.readers.chain import (
     Tree,
     words_of,
 )
-from optipromp.readers.urdf import Node, UrdfJoint, UrdfModel, read_xml
+from optipromp.readers.elements import Node, read_xml
+from optipromp.readers.urdf import UrdfJoint, UrdfModel
 
 _FOLDERS = (".", "srdf", "config", "../srdf", "../config")  # relative to the URDF's folder
 
@@ -140,6 +141,12 @@ def disabled_pairs(path: Path, model: UrdfModel) -> list[tuple[str, str]]:
         if node.tag == "disable_collisions"
     ]
     return [(a, b) for a, b in pairs if a in model.links and b in model.links]
+
+
+def passive_joints(path: Path) -> list[str]:
+    """The joints that the SRDF says nothing drives."""
+    root = read_xml(path)
+    return [_given(path, node, "name") for node in root.children if node.tag == "passive_joint"]
 
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")

@@ -4,7 +4,8 @@ Covers are spheres that enclose the geometry of links, and reach little beyond i
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -27,7 +28,14 @@ from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
 from optipromp.readers import self_collision
-from optipromp.readers.arm import choose_arm, disabled_pairs, read_srdf, srdf_beside
+from optipromp.readers.arm import (
+    choose_arm,
+    disabled_pairs,
+    linkages,
+    passive_joints,
+    read_srdf,
+    srdf_beside,
+)
 from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.packages import MOST_TRIANGLES, triangles
@@ -37,6 +45,9 @@ from optipromp.readers.urdf import UrdfModel
 LOOSE = 0.030  # [m] chosen: excess above which the cover of a mesh gets further spheres
 FIXED = 0.060  # [m] chosen: that excess for links that do not move, except the arm's base
 PER_MESH = 7.5  # spheres, chosen: mean over the meshes of a robot, 60 for eight links
+SHRUNK = 0.3  # chosen: share of the size of what is shown that a link's collision shapes have
+FAST_TURN = 50.0  # [rad/s] chosen: a larger limit is in degrees; SCARA wrists reach 45
+FAST_SLIDE = 20.0  # [m/s] chosen: a larger limit is in millimetres
 MOUNTED = 0.005  # [m] chosen: distance of the lowest fixed point from z = 0, at most, if mounted
 
 
@@ -199,6 +210,12 @@ def build(
             f"{path}: the arm has {len(chain.kinematics.kind)} joints: must have at most "
             f"{MOST_JOINTS}; choose a base or a tip, or hold some"
         )
+    idle = [] if srdf is None else [k for k in passive_joints(srdf) if k in chain.joint_names]
+    if idle:
+        raise InvalidRobotError(
+            f"{path}: {srdf} calls joint '{idle[0]}' of the arm passive: nothing drives it; choose "
+            f"a tip before it, such as {model.joints[idle[0]].parent} (--tip)"
+        )
     home = _home(entry, chain, path)
     for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
         if link not in model.links:
@@ -239,7 +256,53 @@ def build(
         dynamics=dynamics(model, chain),
         arm=arm,
     )
-    return _with_pairs(robot, entry, model, chain, covers, srdf)
+    robot = _with_pairs(robot, entry, model, chain, covers, srdf)
+    told = [words.removeprefix(str(model.path)) for words in _told(robot, entry, model) if words]
+    return replace(robot, told=tuple(told))
+
+
+def _told(robot: Robot, entry: RobotFile, model: UrdfModel) -> Iterator[str]:
+    """The warnings of a robot and of its description, each after its path or empty."""
+    moving = [model.joints[name] for name in robot.joint_names]
+    yield from (model.told, linkages(model, robot), *(joint.told for joint in moving))
+    yield from (joint.remark for joint in moving if entry.velocity is None)
+    names = np.array(robot.joint_names)
+    most = np.where([j.kind == "prismatic" for j in moving], FAST_SLIDE, FAST_TURN)
+    fast = (robot.velocity > most) & np.isfinite(robot.velocity)
+    for found, words in (
+        (robot.lower == robot.upper, "cannot move: both limits are the same"),
+        (fast, f"may move at {robot.velocity[fast].max(initial=0):g} rad/s or m/s: degrees or mm?"),
+    ):
+        yield f": {', '.join(names[found])} {words}" if found.any() else ""
+    small = [
+        (link, *sizes)
+        for link, of in model.links.items()
+        if link not in entry.spheres and of.collisions and of.visuals
+        for sizes in _sizes(model, link)
+        if (sizes[0] < SHRUNK * sizes[1]).any()
+    ]
+    for link, solid, shown in small[:1]:
+        mm = [" x ".join(f"{1e3 * e:.3g}" for e in each) for each in (solid, shown)]
+        more = f", as are {', '.join(name for name, *_ in small[1:])}" if small[1:] else ""
+        yield (
+            f": link '{link}' is solid in {mm[0]} mm of the {mm[1]} mm that are shown{more}: only "
+            "what is solid is kept clear; give spheres in a robot file"
+        )
+
+
+def _sizes(model: UrdfModel, link: str) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """Sizes (3,) [m] of what is solid of a link and of what is shown; nothing where it cannot be
+    read, as of a mesh that is only shown."""
+    of = model.links[link]
+    with suppress(InvalidRobotError):
+        solid, shown = (_solid(model, link, each) for each in (of.collisions, of.visuals))
+        yield np.ptp(solid, axis=(0, 1)), np.ptp(shown, axis=(0, 1))
+
+
+def _solid(model: UrdfModel, link: str, shapes: Sequence[LinkShape]) -> FloatArray:
+    """The triangles (f, 3, 3) [m] of some shapes of a link, in its frame."""
+    placed = (_surface(model, link, of) @ rotation_of(of.rpy).T + np.array(of.xyz) for of in shapes)
+    return np.concatenate(list(placed))
 
 
 def _home(entry: RobotFile, chain: Chain, path: Path) -> FloatArray:
@@ -277,14 +340,9 @@ def _with_pairs(
     def halved(robot: Robot, loose: IntArray) -> tuple[Robot, FloatArray]:
         for index in np.unique(robot.spheres.link[loose]):
             link = robot.link_names[index]
-            shapes = model.links[link].collisions or model.links[link].visuals
-            parts = [
-                _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)
-                for shape in shapes
-            ]
+            surface = _solid(model, link, model.links[link].collisions or model.links[link].visuals)
             of_link = np.flatnonzero(robot.spheres.link == index)
             split = np.flatnonzero(np.isin(of_link, loose)).tolist()
-            surface = np.concatenate(parts)
             balls, excess = finer(surface, covers[link].spheres, split)
             own = self_collision.parts_of_cover(balls, surface)
             covers[link] = Cover(balls, excess, own)

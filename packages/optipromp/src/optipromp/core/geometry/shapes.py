@@ -182,10 +182,6 @@ class Primitive(Shape):
                 _positive(shape, f"{name}[{index}]", size)
             object.__setattr__(self, name, sizes)
 
-    def balls(self, line: FloatArray) -> BallPair:
-        """A single ball that holds the shape."""
-        return _single_ball(self, line)
-
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the corners of its faces, whatever ``around``."""
         points = np.unique(self.surface().reshape(-1, 3).round(12), axis=0)
@@ -204,6 +200,10 @@ class Sphere(Primitive):
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         return faces.sphere(np.zeros(3), self.radius, ROUND)
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """Itself."""
+        return _single_ball(self, line)
 
 
 @dataclass(frozen=True)
@@ -275,10 +275,6 @@ class Ellipsoid(Primitive):
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
-
-    def balls(self, line: FloatArray) -> BallPair:
-        """Two balls that touch its ends along ``line``."""
-        return Shape.balls(self, line)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the surface points with evenly spread normals."""

@@ -78,6 +78,7 @@ class Robot(Shown):
     geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
     dynamics: Dynamics | None = None
     arm: Arm = NOT_TOLD
+    told: tuple[str, ...] = ()  # warnings of its description, each after the path
 
     def _words(self) -> str:
         tool = "no tool" if self.tool is None else type(self.tool).__name__
