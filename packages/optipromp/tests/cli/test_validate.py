@@ -10,12 +10,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optipromp import judge, load_scene, plan
+from optipromp import judge, load_scene, plan, robot_of
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_plan, write_plan
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.library import load_robot
-from optipromp.core.scenes import save_scene
+from optipromp.core.scenes import Stem, save_scene
 from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp_ros import Recorded, joint_trajectory, robot_trajectory, write_bag
 
@@ -178,6 +179,25 @@ def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
         save_scene(one, tmp_path / f"{name}.yaml")
         _, _, stderr = call("check", str(tmp_path / f"{name}.yaml"))
         assert ("below the floor" in stderr) is said
+
+
+def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(
+    tmp_path: Path,
+) -> None:
+    """Both were right."""
+    scene = load_scene("scenario-3")
+    first = scene.pushables[0]
+    wrist = robot_of(scene).segment_frames(posed(scene)[1].q)[0][-1]
+    for name, moved, code, said in (
+        ("inside", first.at(wrist), 1, ("START_IN_COLLISION, at the start", first.id)),
+        ("low", replace(first, stem=Stem.along(first.position, -scene.up, 0.1)), 0,
+         (f"{first.id} would stand", "right")),
+    ):  # fmt: skip
+        objects = tuple(moved if item is first else item for item in scene.objects)
+        save_scene(replace(scene, objects=objects), tmp_path / f"{name}.yaml")
+        found, stdout, stderr = call("check", str(tmp_path / f"{name}.yaml"))
+        assert found == code
+        assert all(words in stdout + stderr for words in said)
 
 
 def test_the_library_judges_files_too(reach: Path) -> None:

@@ -293,6 +293,7 @@ def scene_from_dict(
         _tell_twins(objects, source)
         _check_target_key(model, objects)
         _, lateral, vertical = frames["world"].rotation.T
+        _tell_standing(objects, vertical, source)
         usual = {"direction": vertical, "lateral": lateral}
         given = model.goal
         wanted = tuple(
@@ -482,6 +483,19 @@ def _tell_twins(objects: Sequence[SceneObject], source: str) -> None:
                 stacklevel=4,
             )
             return
+
+
+def _tell_standing(objects: Sequence[SceneObject], up: FloatArray, source: str) -> None:
+    """Warn of fruits that stand on their stems while others hang: probably a root is too low."""
+    stems = [(item, float(item.stem.vector @ up)) for item in objects if item.stem is not None]
+    standing = [item.id for item, rise in stems if rise < -item.radius]
+    hanging = [item.id for item, rise in stems if rise > item.radius]
+    if standing and hanging:
+        warnings.warn(
+            f"{source}: {', '.join(standing)} would stand: the stem begins downwards, while "
+            f"{hanging[0]} hangs: is its root too low?",
+            stacklevel=4,
+        )
 
 
 def _check_target_key(model: Any, objects: list[SceneObject]) -> None:
