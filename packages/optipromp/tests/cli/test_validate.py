@@ -19,6 +19,7 @@ from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import Stem, save_scene
 from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp_ros import Recorded, joint_trajectory, robot_trajectory, write_bag
+from optipromp_sim.generate import generate
 
 
 def call(*words: str) -> tuple[int, str, str]:
@@ -237,13 +238,18 @@ def test_a_controller_says_what_it_would_abort(tmp_path: Path) -> None:
     assert told in " ".join(stdout.split())
 
 
-def test_a_controller_allows_a_plan_of_the_paper(reach: Path) -> None:
-    code, stdout, _ = call("validate", str(reach), "--controller", "franka", "--json")
-    assert code == 0
-    found = json.loads(stdout)["controller"]
-    assert found["violations"] == []
-    assert 0.1 < found["shares"]["velocity"] < 1.0
-    assert 1.0 < found["power"] < 100.0
+def test_an_fr3_allows_plans_that_are_made_for_it(tmp_path: Path) -> None:
+    """Also the rate of torque, by which a Panda's plan of the same scene is refused."""
+    for scene, seed in (("scenario-3", None), ("cluster", 30000)):
+        given = load_scene(scene) if seed is None else generate(scene, seed)
+        write_plan(plan(replace(given, robot="fr3")), tmp_path / scene)
+        code, stdout, _ = call("validate", str(tmp_path / scene), "--controller", "fr3", "--json")
+        assert code == 0
+        found = json.loads(stdout)["controller"]
+        assert found["violations"] == []
+        assert 0.5 < found["shares"]["torque rate"] < 0.75
+        assert 0.1 < found["shares"]["velocity"] < 1.0
+        assert 1.0 < found["power"] < 100.0
 
 
 def test_an_arm_that_the_controller_cannot_move_is_refused(tmp_path: Path) -> None:

@@ -319,7 +319,7 @@ def validate(
     out: Path | None = None,
     *,
     risk: float | None = None,
-    controller: Literal["franka"] | None = None,
+    controller: Literal["fr3", "franka"] | None = None,
 ) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
@@ -332,7 +332,7 @@ def validate(
         optipromp validate recorded.csv --scene scenario-3
         optipromp validate reach
         optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
-        optipromp validate reach --controller franka
+        optipromp validate reach --controller fr3
 
     Args:
         trajectory (TRAJECTORY): A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a
@@ -340,7 +340,7 @@ def validate(
         scene (SCENE): A scene file or built-in scene; a plan's own.
         out (DIR): Leave verdict.json and limits.png there.
         risk: Share of promised successes that may be broken; a plan's own, or 0.03.
-        controller: Also say what would abort the motion: franka, of a Franka Research 3.
+        controller: Also say what would abort the motion of a Franka Research 3 (either name).
     """
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.legs import curve_of, legs_of
