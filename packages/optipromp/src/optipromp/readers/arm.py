@@ -47,12 +47,15 @@ class Group:
 class Srdf:
     """The content of an SRDF; ``groups`` by name, in file order.
 
-    ``hands``: of each end effector the link that carries it, and its group.
+    ``hands``: of each end effector the link that carries it, and its group. ``disabled``: pairs of
+    links whose collisions are disabled. ``passive``: joints that nothing drives.
     """
 
     path: Path
     groups: Mapping[str, Group]
     hands: tuple[tuple[str, str], ...]
+    disabled: tuple[tuple[str, str], ...]
+    passive: tuple[str, ...]
 
 
 def read_srdf(path: Path) -> Srdf:
@@ -66,7 +69,7 @@ def read_srdf(path: Path) -> Srdf:
             f"{path}:{root.line}: the root element is <{root.tag}>; an SRDF starts with <robot>"
         )
     groups: dict[str, Group] = {}
-    hands = []
+    hands, disabled, passive = [], [], []
     for node in root.children:
         if node.tag == "group":
             group = _group(path, node)
@@ -78,7 +81,11 @@ def read_srdf(path: Path) -> Srdf:
         elif node.tag == "end_effector":
             _, link, of = (_given(path, node, key) for key in ("name", "parent_link", "group"))
             hands.append((link, of))
-    return Srdf(path, groups, tuple(hands))
+        elif node.tag == "disable_collisions":
+            disabled.append((node.attributes.get("link1", ""), node.attributes.get("link2", "")))
+        elif node.tag == "passive_joint":
+            passive.append(_given(path, node, "name"))
+    return Srdf(path, groups, tuple(hands), tuple(disabled), tuple(passive))
 
 
 def _group(path: Path, node: Node) -> Group:
@@ -131,22 +138,6 @@ def _robot(path: Path, strict: bool) -> str:
         if strict:
             raise
         return ""
-
-
-def disabled_pairs(path: Path, model: UrdfModel) -> list[tuple[str, str]]:
-    """The pairs of links of ``model`` whose collisions the SRDF disables."""
-    pairs = [
-        (node.attributes.get("link1", ""), node.attributes.get("link2", ""))
-        for node in read_xml(path).children
-        if node.tag == "disable_collisions"
-    ]
-    return [(a, b) for a, b in pairs if a in model.links and b in model.links]
-
-
-def passive_joints(path: Path) -> list[str]:
-    """The joints that the SRDF says nothing drives."""
-    root = read_xml(path)
-    return [_given(path, node, "name") for node in root.children if node.tag == "passive_joint"]
 
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")

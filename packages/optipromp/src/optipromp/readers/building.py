@@ -28,14 +28,7 @@ from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
 from optipromp.readers import self_collision
-from optipromp.readers.arm import (
-    choose_arm,
-    disabled_pairs,
-    linkages,
-    passive_joints,
-    read_srdf,
-    srdf_beside,
-)
+from optipromp.readers.arm import Srdf, choose_arm, linkages, read_srdf, srdf_beside
 from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.packages import MOST_TRIANGLES, triangles
@@ -198,24 +191,24 @@ def build(
     if (name := printable(entry.name)) != entry.name:
         raise InvalidRobotError(f"{path}: the robot's name '{name[:60]}' holds control characters")
     srdf = srdf or srdf_beside(model)
+    said = None if srdf is None else read_srdf(srdf)
     tip, base = choice.tip or entry.flange, choice.base or entry.base
     named = choice.arm
     if named is not None and choice.tip is None and choice.base is None:
         tip = base = None  # the caller's choice precedes that of the file
-    groups = read_srdf(srdf) if srdf and tip is None else None
-    arm = choose_arm(model, tip, base, groups, named)
+    arm = choose_arm(model, tip, base, said if tip is None else None, named)
     chain = serial_chain(model, arm.tip, arm.base, {**entry.hold, **choice.hold})
     if len(chain.kinematics.kind) > MOST_JOINTS:
         raise InvalidRobotError(
             f"{path}: the arm has {len(chain.kinematics.kind)} joints: must have at most "
             f"{MOST_JOINTS}; choose a base or a tip, or hold some"
         )
-    idle = [] if srdf is None else [k for k in passive_joints(srdf) if k in chain.joint_names]
-    if idle:
-        raise InvalidRobotError(
-            f"{path}: {srdf} calls joint '{idle[0]}' of the arm passive: nothing drives it; choose "
-            f"a tip before it, such as {model.joints[idle[0]].parent} (--tip)"
-        )
+    for joint in said.passive if said else ():
+        if joint in chain.joint_names:
+            raise InvalidRobotError(
+                f"{path}: {srdf} calls joint '{joint}' of the arm passive: nothing drives it; "
+                f"choose a tip before it, such as {model.joints[joint].parent} (--tip)"
+            )
     home = _home(entry, chain, path)
     for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
         if link not in model.links:
@@ -256,7 +249,7 @@ def build(
         dynamics=dynamics(model, chain),
         arm=arm,
     )
-    robot = _with_pairs(robot, entry, model, chain, covers, srdf)
+    robot = _with_pairs(robot, entry, model, chain, covers, said)
     told = [words.removeprefix(str(model.path)) for words in _told(robot, entry, model) if words]
     return replace(robot, told=tuple(told))
 
@@ -325,17 +318,14 @@ def _with_pairs(
     model: UrdfModel,
     chain: Chain,
     covers: dict[str, Cover],
-    srdf: Path | None,
+    srdf: Srdf | None,
 ) -> Robot:
     """The robot with its self-collision pairs; ``covers`` of loose spheres are made finer."""
-    disabled = [] if srdf is None else [(srdf.name, pair) for pair in disabled_pairs(srdf, model)]
-    left_out = [("robot file", pair) for pair in entry.allow_self] + disabled
-    known = {pair for _, pair in disabled}
-    left_out += [
-        ("slide along one direction", pair)
-        for pair in self_collision.telescopes(robot)
-        if not {pair, pair[::-1]} & known
-    ]
+    disabled = [] if srdf is None else [p for p in srdf.disabled if model.links.keys() >= set(p)]
+    slides = [p for p in self_collision.telescopes(robot) if not {p, p[::-1]} & set(disabled)]
+    left_out = [("robot file", pair) for pair in entry.allow_self]
+    left_out += [(srdf.path.name, pair) for pair in disabled if srdf]
+    left_out += [("slide along one direction", pair) for pair in slides]
 
     def halved(robot: Robot, loose: IntArray) -> tuple[Robot, FloatArray]:
         for index in np.unique(robot.spheres.link[loose]):
