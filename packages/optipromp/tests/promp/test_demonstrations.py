@@ -14,7 +14,7 @@ from optipromp.core.promp import (
     load_demonstrations,
     save_demonstrations,
 )
-from optipromp.core.promp.units import Units
+from optipromp.core.promp.units import Units, units_of
 from optipromp.core.robots.turns import Turns
 
 TIMES = np.array([0.0, 1.0, 3.0])
@@ -188,15 +188,15 @@ def test_units_and_names_of_others(tmp_path: Path) -> None:
     file = tmp_path / "follower.json"
     servo = {"range_min": 1024, "range_max": 3071.5, "homing_offset": 7}
     file.write_text(json.dumps({"a": servo, "b": servo | {"drive_mode": 1}}))
-    units = Units.of("range", file, ["b=lift", "a="], ())
+    units = units_of("range", file, ["b=lift", "a="], ())
     found = load_demonstrations(path, units)
     assert found.joint_names == ("lift",)
     np.testing.assert_allclose(found[0].positions[:, 0], [-0.0045 * np.pi, -0.005 * np.pi, 0.0])
     file.write_text(json.dumps({"a": servo}))
     with pytest.raises(InvalidDemonstrationError, match="no calibrated joint 'b': valid are a"):
-        load_demonstrations(path, Units.of("range", file, (), ()))
+        load_demonstrations(path, units_of("range", file, (), ()))
     with pytest.raises(InvalidDemonstrationError, match="no column 'c': valid are a, b"):
-        load_demonstrations(path, Units.of(None, None, ["c=d"], ()))
+        load_demonstrations(path, units_of(None, None, ["c=d"], ()))
     file.write_text('{"a": {"range_min": 1}}')
     for given, told in (
         (("range", None, ()), "go together"), ((None, file, ()), "go together"),
@@ -204,7 +204,7 @@ def test_units_and_names_of_others(tmp_path: Path) -> None:
         ((None, None, ["a"]), "--rename a: must be OLD=NEW"),
     ):  # fmt: skip
         with pytest.raises(InvalidRequestError, match=told):
-            Units.of(*given, ())
+            units_of(*given, ())
 
 
 def test_folder(tmp_path: Path) -> None:

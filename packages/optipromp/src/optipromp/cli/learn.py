@@ -137,7 +137,7 @@ def _read(
     from optipromp.core.promp import Demonstrations
     from optipromp.core.promp.checks import unnamed
     from optipromp.core.promp.demonstrations import turn_apart
-    from optipromp.core.promp.units import Units
+    from optipromp.core.promp.units import units_of
     from optipromp.core.robots.kernels import PRISMATIC
 
     robot = joints = None
@@ -149,7 +149,7 @@ def _read(
     units = None
     if any(said):
         slides = robot.kinematics.dof[robot.kinematics.kind == PRISMATIC] if robot else ()
-        units = Units.of(*said, {joints[k] for k in slides} if joints else ())
+        units = units_of(*said, {joints[k] for k in slides} if joints else ())
     recorded, recording = read_any(path, joints, topic, prefix, units)
     nameless = unnamed(recorded.joint_names)
     if robot is not None and joints is not None:
