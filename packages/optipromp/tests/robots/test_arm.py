@@ -458,7 +458,7 @@ def test_limits_that_stand_beside_the_joints_are_told(write: Callable[..., Path]
     assert "j3' <ros2_control> keeps [-inf, -3], nothing of its limits [-2, 2]" in words
     assert "urdf: j4 cannot move: both limits are the same" in words
     assert "urdf: j4 may move at 180 rad/s" in words
-    assert "link 'd' is solid in 40 x 40 x 50 mm of the 40 x 40 x 200 mm" in words
+    assert "link 'd' is solid in 25 % of the width that is shown" in words
     assert (robot.lower[0], robot.velocity[1], robot.upper[2]) == (-1.0, 0.5, 2.0)
 
 

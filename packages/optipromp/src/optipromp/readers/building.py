@@ -33,7 +33,7 @@ from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.packages import MOST_TRIANGLES, triangles
 from optipromp.readers.robot_file import GROWTH, SLIDE, TURN, RobotFile
-from optipromp.readers.urdf import UrdfModel
+from optipromp.readers.urdf import SMALLEST, UrdfModel
 
 LOOSE = 0.030  # [m] chosen: excess above which the cover of a mesh gets further spheres
 FIXED = 0.060  # [m] chosen: that excess for links that do not move, except the arm's base
@@ -267,29 +267,18 @@ def _told(robot: Robot, entry: RobotFile, model: UrdfModel) -> Iterator[str]:
         (fast, f"may move at {robot.velocity[fast].max(initial=0):g} rad/s or m/s: degrees or mm?"),
     ):
         yield f": {', '.join(names[found])} {words}" if found.any() else ""
-    small = [
-        (link, *sizes)
-        for link, of in model.links.items()
-        if link not in entry.spheres and of.collisions and of.visuals
-        for sizes in _sizes(model, link)
-        if (sizes[0] < SHRUNK * sizes[1]).any()
-    ]
-    for link, solid, shown in small[:1]:
-        mm = [" x ".join(f"{1e3 * e:.3g}" for e in each) for each in (solid, shown)]
-        more = f", as are {', '.join(name for name, *_ in small[1:])}" if small[1:] else ""
-        yield (
-            f": link '{link}' is solid in {mm[0]} mm of the {mm[1]} mm that are shown{more}: only "
-            "what is solid is kept clear; give spheres in a robot file"
-        )
-
-
-def _sizes(model: UrdfModel, link: str) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """Sizes (3,) [m] of what is solid of a link and of what is shown; nothing where it cannot be
-    read, as of a mesh that is only shown."""
-    of = model.links[link]
-    with suppress(InvalidRobotError):
-        solid, shown = (_solid(model, link, each) for each in (of.collisions, of.visuals))
-        yield np.ptp(solid, axis=(0, 1)), np.ptp(shown, axis=(0, 1))
+    for name, link in model.links.items():
+        if name in entry.spheres or not (link.collisions and link.visuals):
+            continue
+        with suppress(InvalidRobotError):  # of a mesh that is only shown
+            solid, shown = (_solid(model, name, each) for each in (link.collisions, link.visuals))
+            wide = np.maximum(np.ptp(shown, axis=(0, 1)), SMALLEST)
+            share = float((np.ptp(solid, axis=(0, 1)) / wide).min())
+            if share < SHRUNK:
+                yield (
+                    f": link '{name}' is solid in {100 * share:.2g} % of the width that is shown: "
+                    "only what is solid is kept clear; give it spheres in a robot file"
+                )
 
 
 def _solid(model: UrdfModel, link: str, shapes: Sequence[LinkShape]) -> FloatArray:
