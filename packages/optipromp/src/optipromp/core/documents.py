@@ -296,14 +296,13 @@ def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
         text = content.decode("utf-16" if content[:2] in _WIDE else "utf-8-sig")
         stated = _SEPARATOR.match(text)
         lines = csv.reader(io.StringIO(text, newline=""), delimiter=stated[1] if stated else ",")
-        found = [(n, row) for n, row in enumerate(lines, start=1) if row][bool(stated) :]
+        every = [(n, row) for n, row in enumerate(lines, start=1) if row][bool(stated) :]
     except (UnicodeDecodeError, csv.Error) as cause:
         raise error(f"{path} is not a CSV file in UTF-8 or UTF-16 ({cause})") from None
-    notes = [each for each in found if each[1][0].lstrip().startswith("#")]
-    found = [each for each in found if not each[1][0].lstrip().startswith("#")]
-    if notes and found and all(_NUMBER.fullmatch(cell.strip()) for cell in found[0][1]):
-        found.insert(0, notes[-1])  # as numpy.savetxt writes it
-        found[0][1][0] = found[0][1][0].lstrip(" #")
+    found = [each for each in every if not each[1][0].startswith("#")]
+    if len(found) < len(every) and all(map(_NUMBER.fullmatch, found[0][1] if found else "x")):
+        line, names = [each for each in every if each[1][0].startswith("#")][-1]
+        found.insert(0, (line, [names[0].lstrip(" #"), *names[1:]]))  # as numpy.savetxt writes it
     if not found:
         raise error(f"{path} is empty; expected a header {wanted}")
     header = [name.strip() for name in found[0][1]]

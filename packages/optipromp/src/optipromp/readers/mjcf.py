@@ -326,7 +326,7 @@ class _Reader:
     def _actuators(self, j: int) -> list[int]:
         """The actuators on a joint itself."""
         model = self.model
-        on = (model.actuator_trntype == 0) & (model.actuator_trnid[:, 0] == j)
+        on = (model.actuator_trntype <= 1) & (model.actuator_trnid[:, 0] == j)
         return [int(a) for a in np.flatnonzero(on)]
 
     def _kept(self, j: int) -> Iterator[urdf.Kept]:

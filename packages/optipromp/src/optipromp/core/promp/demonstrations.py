@@ -262,7 +262,7 @@ def _odd(found: Demonstrations) -> list[str]:
     """Demonstrations that run the other way, or stand still for long, in words."""
     told = []
     if words := turn_apart(found):
-        told.append(f"{words}: 'learn --robot ROBOT' puts joints that may turn onto one turn")
+        told.append(f"{words}: a robot whose joint may turn (learn --robot) has it on their turn")
     ends = np.array([d.positions[[0, -1]] for d in found])  # (N, 2, n)
     usual = np.median(ends, axis=0)
     away, back = (np.linalg.norm(ends - e, axis=2).sum(axis=1) for e in (usual, usual[::-1]))

@@ -63,8 +63,7 @@ class Robot(Shown):
     spheres: BodySpheres
     link_names: tuple[str, ...]
     self_pairs: IntArray  # (P, 2) sphere indices of links that are not neighbours
-    self_slack: FloatArray  # (P,) [m] that a pair may overlap, as its links are still apart;
-    # negative: distance that it must keep, as a sphere leaves some of its link outside
+    self_slack: FloatArray  # (P,) [m] that a pair may overlap; negative: that it must keep apart
     flange_rotation: FloatArray  # (3, 3) in the last segment's frame
     flange_translation: FloatArray  # (3,)
     tool_point: FloatArray  # (3,)

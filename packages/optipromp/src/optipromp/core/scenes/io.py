@@ -486,16 +486,12 @@ def _tell_twins(objects: Sequence[SceneObject], source: str) -> None:
 
 
 def _tell_standing(objects: Sequence[SceneObject], up: FloatArray, source: str) -> None:
-    """Warn of fruits that stand on their stems while others hang: probably a root is too low."""
-    stems = [(item, float(item.stem.vector @ up)) for item in objects if item.stem is not None]
-    standing = [item.id for item, rise in stems if rise < -item.radius]
-    hanging = [item.id for item, rise in stems if rise > item.radius]
-    if standing and hanging:
-        warnings.warn(
-            f"{source}: {', '.join(standing)} would stand: the stem begins downwards, while "
-            f"{hanging[0]} hangs: is its root too low?",
-            stacklevel=4,
-        )
+    """Warn of fruits that stand on their stems while others hang."""
+    rise = {i.id: float(i.stem.vector @ up) / i.radius for i in objects if i.stem is not None}
+    low = [name for name, share in rise.items() if share < -1.0]
+    if low and max(rise.values()) > 1.0:
+        told = f"{source}: {', '.join(low)} would stand, while others hang: is a root too low?"
+        warnings.warn(told, stacklevel=4)
 
 
 def _check_target_key(model: Any, objects: list[SceneObject]) -> None:
