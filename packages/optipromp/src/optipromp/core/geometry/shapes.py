@@ -203,7 +203,7 @@ class Sphere(Primitive):
 
     def balls(self, line: FloatArray) -> BallPair:
         """Itself."""
-        return _single_ball(self, line)
+        return BallPair(line, 0.0, self.radius, self.radius, 0.0)
 
 
 @dataclass(frozen=True)
@@ -425,7 +425,7 @@ class PointCloudShape(Shape):
 
     def balls(self, line: FloatArray) -> BallPair:
         """A single ball that holds the points."""
-        return _single_ball(self, line)
+        return BallPair(line, 0.0, bound := self.measure.bound, bound, 0.0)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """Refused: the surface between the points is unknown."""
@@ -443,11 +443,6 @@ def _rows_of_three(name: str, what: str, values: FloatArray, letter: str, least:
         raise InvalidSceneError(
             f"{name}: {one} {bad[0]} is {row}: must be finite, at most {FARTHEST:g}"
         )
-
-
-def _single_ball(shape: Shape, line: FloatArray) -> BallPair:
-    bound = shape.measure.bound
-    return BallPair(line, 0.0, bound, bound, 0.0)
 
 
 def _end_balls(line: FloatArray, low: float, high: float, length: float) -> BallPair:

@@ -233,18 +233,14 @@ def load_demonstrations(path: str | os.PathLike[str], units: Convert = None) -> 
         InvalidDemonstrationError: the message names the file, and the row or index if any.
     """
     path = Path(path)
-    if is_there(path / "meta" / "info.json"):
-        result = _read_lerobot(path, units)
-    elif is_folder(path):
-        result = _read_folder(path, units)
+    read = {".npz": _read_npz, ".csv": _read_csv}.get(path.suffix.lower())
+    if is_folder(path):
+        read = _read_lerobot if is_there(path / "meta" / "info.json") else _read_folder
     elif not is_there(path):
         raise InvalidDemonstrationError(f"{path} does not exist")
-    elif path.suffix.lower() == ".npz":
-        result = _read_npz(path, units)
-    elif path.suffix.lower() == ".csv":
-        result = _read_csv(path, units)
-    else:
+    if read is None:
         raise InvalidDemonstrationError(f"{path}: expected .npz, .csv or a folder of .csv files")
+    result = read(path, units)
     largest = [float(np.abs(item.positions).max()) for item in result]
     if max(largest) > _LARGEST:
         warnings.warn(
