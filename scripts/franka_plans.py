@@ -3,17 +3,14 @@
     python -m scripts.franka_plans ROWS.jsonl
 
 Plans the paper's scenarios (each row of ``optipromp scenarios``) and 20 generated clusters, and
-says what an FR3 would abort; such a scene is planned again with an FR3's limits. Streams each plan
+says what an FR3 would abort; such a scene is planned again for the robot ``fr3``. Streams each plan
 at its own speed from the arm at rest at its begin, and prints the reflexes and the tracking error.
 Rows that the file has are not run again. It needs franky-control and franky-sim. The arm of
 scenarios 1 and 2 is no Franka.
 """
 
 import json
-import os
-import re
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -24,20 +21,17 @@ import numpy as np
 from tests.franka.paced import Paced
 from tests.franka.server import serving
 
-import optipromp
 from optipromp import Plan, load_scene, plan
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.scenes import Scene
-from optipromp_loop.control.fr3 import foreseen
+from optipromp_loop.control.fr3 import foreseen, torques
+from optipromp_loop.control.franka import FRANKY_STIFFNESS
 from optipromp_paper.scenarios import CASES
 from optipromp_sim.generate import generate
 
 HOST = "127.0.48.20"
 SEEDS = range(30000, 30020)
-SUGGESTED = (  # [rad], [rad/s] rectangular limits inside of which no velocity depends on a position
-    (-2.3093, 2.3093, 2.0), (-1.5133, 1.5133, 1.0), (-2.4937, 2.4937, 1.5),
-    (-2.7478, -0.4461, 1.25), (-2.4800, 2.4800, 3.0), (0.8521, 4.2094, 1.5), (-2.6895, 2.6895, 3.0),
-)  # fmt: skip
+OLD = 0.003  # [s] two of a reference's period at 500 Hz, one of the arm's cycle
 
 
 def streamed(made: Plan, host: str) -> dict[str, Any]:
@@ -50,7 +44,7 @@ def streamed(made: Plan, host: str) -> dict[str, Any]:
     row: dict[str, Any] = {"status": str(made.status), "duration": curve.duration}
     aborts = foreseen(robot, curve, made.scene.up)
     row |= {"foreseen": [each.kind for each in aborts.violations], "power": aborts.power}
-    row["shares"] = aborts.shares
+    row["shares"], row["lag"] = aborts.shares, lag(made)
     with (
         serving(host, curve.positions[0]) as reflexes,
         Paced(host, robot) as arm,
@@ -71,21 +65,17 @@ def streamed(made: Plan, host: str) -> dict[str, Any]:
         }
 
 
-def narrow(folder: Path) -> str:
-    """A robot file: the built-in Panda with the limits that are suggested for an FR3."""
-    data = Path(optipromp.__file__).parent / "core/robots/data"
-    urdf = (data / "panda.urdf").read_text()
-    for joint, (lower, upper, velocity) in enumerate(SUGGESTED, start=1):
-        begin, end = urdf.split(f'<joint name="joint{joint}"')
-        limit = f'<limit lower="{lower}" upper="{upper}" velocity="{velocity}"'
-        end = re.sub(r'<limit lower="\S+" upper="\S+" velocity="\S+"', limit, end, count=1)
-        urdf = f'{begin}<joint name="joint{joint}"{end}'
-    (folder / "panda.urdf").write_text(urdf)
-    text = (data / "panda.yaml").read_text()
-    for what, most in (("acceleration", 10), ("jerk", 5000)):
-        text = re.sub(rf"^{what}: .*$", f"{what}: {[most] * 7}", text, flags=re.MULTILINE)
-    (folder / "panda.yaml").write_text(text)
-    return str(folder / "panda.yaml")
+def lag(made: Plan) -> float:
+    """The joints' largest error [rad] without friction, by the stiffness of the tracker.
+
+    It feels what inertia asks of the torques, and a reference that is up to OLD old.
+    """
+    curve, up = made.trajectory, made.scene.up
+    times = np.linspace(0.0, curve.duration, int(1e3 * curve.duration) + 1)
+    q, velocity, _ = curve.sample(times)
+    needed = torques(made.robot, times, q, velocity, up)
+    needed -= torques(made.robot, 1e3 * times, q, 0.0 * velocity, up)  # of gravity alone
+    return float((np.abs(needed / FRANKY_STIFFNESS) + OLD * np.abs(velocity)).max())
 
 
 def cases() -> Iterator[tuple[str, Scene, dict[str, Any]]]:
@@ -103,20 +93,18 @@ def cases() -> Iterator[tuple[str, Scene, dict[str, Any]]]:
 
 
 def streamed_row(name: str, scene: Scene, settings: dict[str, Any]) -> dict[str, Any]:
-    """The row of a case; where an FR3 would abort the Panda's plan, of one with narrower limits."""
+    """The row of a case; where an FR3 would abort the Panda's plan, of one for the FR3."""
     made = plan(scene, **settings)
     aborts = foreseen(made.robot, made.trajectory, scene.up).violations
     row: dict[str, Any] = {"name": name, "panda": [str(each) for each in aborts]}
     if not aborts:
         return row | streamed(made, HOST)
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["OPTIPROMP_FOLDERS"] = folder
-        try:
-            made = plan(replace(scene, robot=narrow(Path(folder))), **settings)
-        except OptiPrompError as error:
-            return row | {"status": str(error.code), "duration": 0.0, "foreseen": [],
-                          "reflexes": [], "message": error.message}  # fmt: skip
-        return row | streamed(made, HOST)
+    try:
+        made = plan(replace(scene, robot="fr3"), **settings)
+    except OptiPrompError as error:
+        return row | {"status": str(error.code), "duration": 0.0, "foreseen": [],
+                      "reflexes": [], "message": error.message}  # fmt: skip
+    return row | streamed(made, HOST)
 
 
 def main(path: Path) -> None:

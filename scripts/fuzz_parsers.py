@@ -32,13 +32,13 @@ sys.path.insert(0, str(ROOT))
 SECONDS = 10.0  # [s] of processor time
 DATA = ROOT / "packages/optipromp/src/optipromp"
 READERS = [
-    "yaml", "defusedxml", "optipromp.core.documents", "optipromp.core.files",
+    "yaml", "optipromp.core.documents", "optipromp.core.files",
     "optipromp.core.geometry.loading", "optipromp.core.errors", "optipromp.core.output",
     "optipromp.core.trajectory", "optipromp.core.promp.demonstrations",
     "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.io",
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.values",
     "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
-    "optipromp.readers.urdf", "optipromp.readers.robot_file",
+    "optipromp.readers.elements", "optipromp.readers.robot_file",
     "optipromp.readers.arm", "optipromp.core.robots.resolved",
 ]  # fmt: skip
 CUT = b"\n--\xff--\n"  # between the members of an archive

@@ -10,14 +10,16 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from optipromp import judge, load_scene, plan
+from optipromp import judge, load_scene, plan, robot_of
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_plan, write_plan
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.library import load_robot
-from optipromp.core.scenes import save_scene
+from optipromp.core.scenes import Stem, save_scene
 from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp_ros import Recorded, joint_trajectory, robot_trajectory, write_bag
+from optipromp_sim.generate import generate
 
 
 def call(*words: str) -> tuple[int, str, str]:
@@ -180,6 +182,25 @@ def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
         assert ("below the floor" in stderr) is said
 
 
+def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(
+    tmp_path: Path,
+) -> None:
+    """Both were right."""
+    scene = load_scene("scenario-3")
+    first = scene.pushables[0]
+    wrist = robot_of(scene).segment_frames(posed(scene)[1].q)[0][-1]
+    for name, moved, code, said in (
+        ("inside", first.at(wrist), 1, ("START_IN_COLLISION, at the start", first.id)),
+        ("low", replace(first, stem=Stem.along(first.position, -scene.up, 0.1)), 0,
+         (f"{first.id} would stand", "right")),
+    ):  # fmt: skip
+        objects = tuple(moved if item is first else item for item in scene.objects)
+        save_scene(replace(scene, objects=objects), tmp_path / f"{name}.yaml")
+        found, stdout, stderr = call("check", str(tmp_path / f"{name}.yaml"))
+        assert found == code
+        assert all(words in stdout + stderr for words in said)
+
+
 def test_the_library_judges_files_too(reach: Path) -> None:
     assert judge("scenario-3", reach / "trajectory.csv").status == "success"
     assert judge(load_scene("scenario-3"), reach).status == "success"
@@ -217,13 +238,18 @@ def test_a_controller_says_what_it_would_abort(tmp_path: Path) -> None:
     assert told in " ".join(stdout.split())
 
 
-def test_a_controller_allows_a_plan_of_the_paper(reach: Path) -> None:
-    code, stdout, _ = call("validate", str(reach), "--controller", "franka", "--json")
-    assert code == 0
-    found = json.loads(stdout)["controller"]
-    assert found["violations"] == []
-    assert 0.1 < found["shares"]["velocity"] < 1.0
-    assert 1.0 < found["power"] < 100.0
+def test_an_fr3_allows_plans_that_are_made_for_it(tmp_path: Path) -> None:
+    """Also the rate of torque, by which a Panda's plan of the same scene is refused."""
+    for scene, seed in (("scenario-3", None), ("cluster", 30000)):
+        given = load_scene(scene) if seed is None else generate(scene, seed)
+        write_plan(plan(replace(given, robot="fr3")), tmp_path / scene)
+        code, stdout, _ = call("validate", str(tmp_path / scene), "--controller", "fr3", "--json")
+        assert code == 0
+        found = json.loads(stdout)["controller"]
+        assert found["violations"] == []
+        assert 0.5 < found["shares"]["torque rate"] < 0.75
+        assert 0.1 < found["shares"]["velocity"] < 1.0
+        assert 1.0 < found["power"] < 100.0
 
 
 def test_an_arm_that_the_controller_cannot_move_is_refused(tmp_path: Path) -> None:

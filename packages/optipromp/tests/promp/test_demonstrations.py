@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.core.errors import InvalidDemonstrationError
+from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.promp import (
     Demonstration,
     Demonstrations,
@@ -14,6 +14,7 @@ from optipromp.core.promp import (
     load_demonstrations,
     save_demonstrations,
 )
+from optipromp.core.promp.units import Units, units_of
 from optipromp.core.robots.turns import Turns
 
 TIMES = np.array([0.0, 1.0, 3.0])
@@ -152,11 +153,58 @@ def test_csv_refuses(tmp_path: Path, text: str, message: str) -> None:
         load_demonstrations(path)
 
 
+@pytest.mark.parametrize(
+    "content",
+    [
+        "time,a,b\n0,1,2\n1,3,4\n".encode("utf-16"),
+        b"sep=;\r\ntime;a;b\r\n0;1;2\r\n1;3;4\r\n",
+        b"sep=\t\n# of today\ntime\ta\tb\n0\t1\t2\n# paused\n1\t3\t4\n",
+        b"# of today\n# time,a,b\n0,1,2\n1,3,4\n",
+        "\ufeffsep=|\ntime|a|b\n0|1|2\n1|3|4\n".encode("utf-16-be"),
+    ],
+)
+def test_csv_of_other_programs(tmp_path: Path, content: bytes) -> None:
+    """With a stated separator, with comments, as numpy.savetxt writes it, in UTF-16."""
+    path = tmp_path / "d.csv"
+    path.write_bytes(content)
+    (one,) = found = load_demonstrations(path)
+    assert found.joint_names == ("a", "b")
+    assert one.positions.tolist() == [[1.0, 2.0], [3.0, 4.0]]
+
+
 def test_csv_that_is_no_text(tmp_path: Path) -> None:
     path = tmp_path / "d.csv"
-    path.write_bytes("time,q1\n0,1\n1,2\n".encode("utf-16"))
-    with pytest.raises(InvalidDemonstrationError, match="UTF-8"):
+    path.write_bytes(b"time,q1\n0,\xff\n1,2\n")
+    with pytest.raises(InvalidDemonstrationError, match="in UTF-8 or UTF-16"):
         load_demonstrations(path)
+
+
+def test_units_and_names_of_others(tmp_path: Path) -> None:
+    """Degrees of what turns; LeRobot's range of -100 to 100 by its calibration; steps over pi."""
+    path = recorded(tmp_path / "d.csv", np.array([[10.0, 0.9], [20.0, 1.0], [10.0, 0.0]]))
+    (one,) = load_demonstrations(path, Units("degrees", slides=("b",)))
+    np.testing.assert_allclose(np.degrees(one.positions[:, 0]), [10.0, 20.0, 10.0])
+    assert one.positions[:, 1].tolist() == [0.9, 1.0, 0.0]
+    file = tmp_path / "follower.json"
+    servo = {"range_min": 1024, "range_max": 3071.5, "homing_offset": 7}
+    file.write_text(json.dumps({"a": servo, "b": servo | {"drive_mode": 1}}))
+    units = units_of("range", file, ["b=lift", "a="], ())
+    found = load_demonstrations(path, units)
+    assert found.joint_names == ("lift",)
+    np.testing.assert_allclose(found[0].positions[:, 0], [-0.0045 * np.pi, -0.005 * np.pi, 0.0])
+    file.write_text(json.dumps({"a": servo}))
+    with pytest.raises(InvalidDemonstrationError, match="no calibrated joint 'b': valid are a"):
+        load_demonstrations(path, units_of("range", file, (), ()))
+    with pytest.raises(InvalidDemonstrationError, match="no column 'c': valid are a, b"):
+        load_demonstrations(path, units_of(None, None, ["c=d"], ()))
+    file.write_text('{"a": {"range_min": 1}}')
+    for given, told in (
+        (("range", None, ()), "go together"), ((None, file, ()), "go together"),
+        (("range", file, ()), "follower.json: no calibration of LeRobot: .*range_max"),
+        ((None, None, ["a"]), "--rename a: must be OLD=NEW"),
+    ):  # fmt: skip
+        with pytest.raises(InvalidRequestError, match=told):
+            units_of(*given, ())
 
 
 def test_folder(tmp_path: Path) -> None:
@@ -313,12 +361,18 @@ def test_episodes_of_lerobot_are_demonstrations(tmp_path: Path, version: int) ->
     state = {"names": names if version == 3 else {"motors": names}}
     info = {"features": {"observation.state": state}}
     (folder / "meta" / "info.json").write_text(json.dumps(info))
-    with pytest.warns(UserWarning, match="gripper: left out"):
+    with (
+        pytest.warns(UnitsWarning, match="states no unit"),
+        pytest.warns(match="gripper: left out"),
+    ):
         found = load_demonstrations(folder)
     assert found.joint_names == ("elbow", "lift")
     for one, q in zip(found, wanted, strict=True):
         np.testing.assert_allclose(one.positions, q, atol=1e-6)
         assert one.times[-1] == pytest.approx((len(q) - 1) / 30.0, abs=1e-5)
+    with pytest.warns(match="gripper: left out"):
+        one = load_demonstrations(folder, Units("degrees", names={"lift": "b"}))[0]
+    np.testing.assert_allclose(one.positions, np.radians(wanted[0]), atol=1e-8)
     (folder / "meta" / "info.json").write_text("{}")
     with pytest.raises(InvalidDemonstrationError, match="no LeRobot dataset with"):
         load_demonstrations(folder)

@@ -1,6 +1,7 @@
 """Long fruits in the push model: capsules along their stems, as two balls."""
 
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from optipromp.core.geometry import (
     Sphere,
 )
 from optipromp.core.geometry.obstacles import Obstacles, pack
+from optipromp.core.geometry.shapes import Primitive
 from optipromp.core.planning import plan
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
@@ -140,8 +142,18 @@ class Unhashable(Own):
         return isinstance(other, Unhashable) and self.like == other.like
 
 
-@pytest.mark.parametrize("kind", [Own, Unhashable])
-def test_a_shape_of_a_user_hangs_as_its_mesh_does(kind: type[Own]) -> None:
+@dataclass(frozen=True)
+class Egg(Primitive):
+    """The same, of sizes."""
+
+    radii: tuple[float, float, float]
+
+    def mesh(self, around: int = 24) -> MeshShape:
+        return Ellipsoid(self.radii).mesh(around)
+
+
+@pytest.mark.parametrize("kind", [Own, Unhashable, lambda egg: Egg(egg.radii)])
+def test_a_shape_of_a_user_hangs_as_its_mesh_does(kind: Callable[[Ellipsoid], Shape]) -> None:
     """It was one ball of 30 mm, where the ellipsoid itself is two of 13.2 mm."""
     egg = Ellipsoid((0.015, 0.015, 0.030))
     line = np.array([0.3, 0.1, 0.9]) / np.linalg.norm([0.3, 0.1, 0.9])

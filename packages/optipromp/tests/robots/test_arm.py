@@ -429,3 +429,47 @@ def test_soft_limits_are_the_limits_where_they_are_narrower(write: Callable[...,
         robot = load_robot(write(built(*parts)))
     np.testing.assert_allclose(robot.lower, [-1.5, -2.0, -2.0])
     np.testing.assert_allclose(robot.upper, [1.0, 2.0, 2.0])
+
+
+CONTROL = """<ros2_control name="arm" type="system">
+<joint name="j1"><command_interface name="position"><param name="min">-1.0</param>
+<param name="max">1.5</param></command_interface><state_interface name="position"/></joint>
+<joint name="j2"><command_interface name="velocity"><param name="min">-0.5</param>
+<param name="max"> 0.7 </param></command_interface></joint>
+<joint name="j3"><command_interface name="position"><param name="max">-3</param>
+</command_interface></joint></ros2_control></robot>"""
+
+
+def test_limits_that_stand_beside_the_joints_are_told(write: Callable[..., Path]) -> None:
+    """Of <ros2_control>, zeros, velocities in degrees, solids that are less than what is shown."""
+    look = BOX.replace("collision", "visual")
+    text = built(*ARM3).replace("</robot>", CONTROL)
+    text = text.replace(
+        "<link name='d'>" + BOX, "<link name='d'>" + look + BOX.replace("0.2", "0.05")
+    )
+    still = 'lower="0" upper="0" velocity="180"'.join(
+        text.rsplit('lower="-2" upper="2" velocity="2"', 1)
+    )
+    with pytest.warns(UserWarning, match="robot.urdf") as told:
+        robot = load_robot(write(still))
+    words = "\n".join(str(each.message) for each in told)
+    assert "j1' <ros2_control> narrows its limits to [-1, 1.5] from [-2, 2]" in words
+    assert "j2' <ros2_control> narrows its velocities to [-0.5, 0.5] from [-2, 2]" in words
+    assert "j3' <ros2_control> keeps [-inf, -3], nothing of its limits [-2, 2]" in words
+    assert "urdf: j4 cannot move: both limits are the same" in words
+    assert "urdf: j4 may move at 180 rad/s" in words
+    assert "link 'd' is solid in 25 % of the width that is shown" in words
+    assert (robot.lower[0], robot.velocity[1], robot.upper[2]) == (-1.0, 0.5, 2.0)
+
+
+def test_a_passive_joint_of_the_srdf_is_no_joint_of_the_arm(write: Callable[..., Path]) -> None:
+    path, groups = (
+        write(built(*ARM3)),
+        '<group name="arm"><chain base_link="base" tip_link="d"/></group>',
+    )
+    srdf = write(f'<robot name="r">{groups}<passive_joint name="j4"/></robot>', "r.srdf")
+    told = r"calls joint 'j4' of the arm passive.*such as c "
+    for choice in ({"srdf": srdf}, {"srdf": srdf, "tip": "d"}):
+        with pytest.raises(InvalidRobotError, match=told):
+            load_robot(path, **choice)
+    assert load_robot(path, srdf=srdf, tip="c").n_joints == 3

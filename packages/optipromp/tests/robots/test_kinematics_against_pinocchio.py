@@ -176,33 +176,6 @@ def test_random_trees(seed: int, tmp_path: Path) -> None:
     compare(robot, tmp_path / "random.urdf", flange, values, seed)
 
 
-def test_mimic_as_pinocchio_reads_it(tmp_path: Path) -> None:
-    """The <mimic> element itself, read by both."""
-    limit = '<limit lower="-2" upper="2" effort="1" velocity="1"/>'
-    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
-    path = tmp_path / "mimic.urdf"
-    path.write_text(
-        f'<robot name="m"><link name="a">{ball}</link><link name="b"/><link name="c"/>'
-        f'<joint name="j1" type="revolute"><parent link="a"/><child link="b"/>'
-        f'<origin xyz="0 0 0.3"/><axis xyz="0 1 0"/>{limit}</joint>'
-        f'<joint name="j2" type="revolute"><parent link="b"/><child link="c"/>'
-        f'<origin xyz="0.2 0 0.3"/><axis xyz="0 0 1"/>{limit}'
-        f'<mimic joint="j1" multiplier="-0.7" offset="0.2"/></joint></robot>'
-    )
-    robot = load_robot(path)
-    assert robot.joint_names == ("j1",)
-    assert robot.n_segments == 2
-    model = pin.buildModelFromUrdf(str(path), mimic=True)
-    assert model.nq == 1
-    data = model.createData()
-    for value in np.linspace(robot.lower[0], robot.upper[0], 20):
-        pin.framesForwardKinematics(model, data, np.array([value]))
-        point, axis = robot.tool_pose(np.array([value]))
-        pose = data.oMf[model.getFrameId("c")]
-        np.testing.assert_allclose(point, pose.translation, atol=1e-12)
-        np.testing.assert_allclose(axis, pose.rotation[:, 2], atol=1e-12)
-
-
 def test_the_published_check_of_the_panda() -> None:
     point, _ = load_robot("panda").tool_pose(np.array([0, -1.2, 0, -2, 0, 1, 0.0]))
     np.testing.assert_allclose(point, [0.06086, 0.0, 0.76373], atol=5e-6)

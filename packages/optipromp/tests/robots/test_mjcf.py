@@ -58,7 +58,7 @@ ARM = """<mujoco model="stock">
   <actuator>
     <motor joint="lift" gear="50" forcerange="-2 2" forcelimited="true"/>
     <motor joint="twist" gear="2" ctrllimited="true" ctrlrange="-14 10"/>
-    <position joint="roll" kp="100" ctrllimited="true" ctrlrange="-1 1"/>
+    <position joint="roll" kp="100" ctrllimited="true" ctrlrange="-2 2"/>
   </actuator>
 </mujoco>"""
 
@@ -83,6 +83,27 @@ def test_the_arm_and_its_limits(path: Path) -> None:
     assert robot.dynamics is not None
     assert robot.dynamics.effort[:3].tolist() == [87.0, 100.0, 28.0]
     assert np.isinf(robot.dynamics.effort[3:]).all()  # a position's control is no force
+
+
+def test_servos_narrow_the_limits_of_their_joints(path: Path) -> None:
+    """By gear; a joint without limits has those of a servo that reaches no more than two turns."""
+    servos = """<position joint="roll" kp="100" gear="4" ctrlrange="-1 2"/>
+    <velocity joint="lift" kv="10" gear="2" ctrlrange="-3 3"/>
+    <intvelocity joint="twist" kp="5" actrange="-5 6" ctrlrange="-1 1"/></actuator>"""
+    path.write_text(ARM.replace("</actuator>", servos))
+    for _ in range(2):  # the second robot is from the cache
+        reading._held.clear()
+        with pytest.warns(UserWarning, match="stock.xml") as told:
+            robot = load_robot(path)
+        words = " ".join(str(each.message) for each in told)
+        assert (
+            "'roll': actuator 3 by its range narrows its limits to [-0.25, 0.5] from [-1.5" in words
+        )
+        assert (robot.lower[[2, 4]].tolist(), robot.upper[[2, 4]].tolist()) == (
+            [-5, -0.25],
+            [6, 0.5],
+        )
+        assert (robot.velocity[1], robot.velocity[0]) == (1.5, np.inf)
 
 
 def test_forward_kinematics_and_masses_of_mujoco(path: Path) -> None:

@@ -245,8 +245,8 @@ def test_no_geometry_at_all(urdf: Writer) -> None:
 def test_unreadable(tmp_path: Path) -> None:
     (tmp_path / "folder.urdf").mkdir()
     refused(tmp_path / "folder.urdf", "no such file")
-    refused(tmp_path / "none.urdf", "no such file", "panda, scara")
-    with pytest.raises(InvalidRobotError, match="built-in: panda, scara"):
+    refused(tmp_path / "none.urdf", "no such file", "fr3, panda, scara")
+    with pytest.raises(InvalidRobotError, match="built-in: fr3, panda, scara"):
         load_robot("pandda")
 
 

@@ -26,7 +26,7 @@ from optipromp.readers.reading import read_description
 Writer = Callable[..., Path]
 BARE = """
 import sys
-for name in ("trimesh", "coal", "xacrodoc", "mujoco", "defusedxml", "optipromp.readers"):
+for name in ("trimesh", "coal", "xacrodoc", "mujoco", "optipromp.readers"):
     sys.modules[name] = None
 from optipromp.core.robots import load_robot
 print(load_robot(sys.argv[1]).spheres.radius.tobytes().hex())

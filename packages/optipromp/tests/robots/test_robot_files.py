@@ -23,7 +23,7 @@ def self_clearance(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 def test_names() -> None:
-    assert robot_names() == ("panda", "scara")
+    assert robot_names() == ("fr3", "panda", "scara")
     assert load_robot("panda") is load_robot("panda")
 
 

@@ -180,6 +180,6 @@ def _both(folder: Path) -> Path:
 
 def test_an_argument_may_be_used_that_no_file_declares(arm: Path) -> None:
     arm.write_text(ARM.replace('name="r"', 'name="$(arg model)"'))
-    with pytest.raises(InvalidRobotError, match="argument model: give it, as --robot-arg model="):
+    with pytest.raises(InvalidRobotError, match="argument model: give it, as --robot-arg model:="):
         load_robot(arm)
     assert load_arm(str(arm), choice=Choice(args={"model": "mine"}))[0].name == "mine"

@@ -176,6 +176,7 @@ class Franky(_Franka):
             raise ExecutionError(told) from found
         self.arm: Any = found
         self._tracker: Any = None
+        self._seen: Any = None  # at a tick, until its reference is commanded
 
     def close(self) -> None:
         """Abort a motion, and end the connection once it is at rest; then nothing can be asked."""
@@ -192,15 +193,18 @@ class Franky(_Franka):
     def _read(self) -> Any:
         if self.arm is None:
             raise ExecutionError("the connection to the arm is closed")
-        return self.arm.state
+        return self._seen or self.arm.state
 
     @contextmanager
     def stream(self) -> Iterator[Iterator[float]]:
+        def now() -> float:  # of the state that is measured at this tick: the arm moves on
+            self._seen = self.arm.state
+            return float(self._seen.time.to_sec())
+
         made = self._franky.JointImpedanceTracker(self.arm, period=1.0 / FRANKY_RATE, **self._gains)
         with made as self._tracker:
-            yield _since(
-                lambda: self._tracker.tick() is not None, lambda: self.arm.state.time.to_sec()
-            )
+            yield _since(lambda: self._tracker.tick() is not None, now)
 
     def command(self, reference: State) -> None:
         self._tracker.set_target(reference.q, reference.velocity)
+        self._seen = None

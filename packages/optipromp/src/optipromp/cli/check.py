@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
-from optipromp.cli.command import OK, Report, Shown, command, exit_code
+from optipromp.cli.command import Report, Shown, command, exit_code
 from optipromp.cli.console import grid, headline, say_if_compiling, waiting
 from optipromp.cli.robot import ArmOptions
 from optipromp.core import files
@@ -144,12 +144,12 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
             say_if_compiling()
             with waiting("drawing"):
                 files.write_together(out, scene_pictures(optipromp.load_scene(item)))
-    status = Code(summary.pop("status", Code.SUCCESS))
+    status, wrong = Code(summary.pop("status", Code.SUCCESS)), summary.pop("message", "")
     told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
-    document = {"status": status, "message": "", "kind": kind, "item": item, **told}
-    code = OK if kind is not Kind.PLAN else exit_code(status)
+    document = {"status": status, "message": wrong, "kind": kind, "item": item, **told}
     lines = [f"  {key.replace('_', ' '):<15} {_words(value)}" for key, value in summary.items()]
-    return Report(document, [headline((kind, "bold"), f" {item}: right"), *lines], code)
+    verdict = f" {item}: {f'{status}, {wrong}' if wrong else 'right'}"
+    return Report(document, [headline((kind, "bold"), verdict), *lines], exit_code(status))
 
 
 def _words(value: object) -> str:
@@ -164,6 +164,7 @@ def _words(value: object) -> str:
 
 
 def _scene(item: str) -> dict[str, Any]:
+    from optipromp.core.judging import touching
     from optipromp.core.planning.approaches import misfit
     from optipromp.core.planning.task import resolve
     from optipromp.core.robots.model import warn_of_gravity
@@ -186,7 +187,10 @@ def _scene(item: str) -> dict[str, Any]:
         role: [item.id for item in scene.objects if item.role == role]
         for role in ("target", "pushable", "avoid", "static")
     }
+    inside = touching(bound.scene, bound.robot, bound.start)
     return {
+        "status": Code.START_IN_COLLISION if inside else Code.SUCCESS,
+        "message": inside and "at the start " + "; ".join(map(str, inside)),
         "name": scene.name,
         "robot": bound.robot.name,
         "tool": scene.tool.kind if scene.tool is not None else None,
@@ -315,7 +319,7 @@ def validate(
     out: Path | None = None,
     *,
     risk: float | None = None,
-    controller: Literal["franka"] | None = None,
+    controller: Literal["fr3", "franka"] | None = None,
 ) -> Report:
     """Judge TRAJECTORY in a scene: what is violated, where, when and by how much.
 
@@ -328,7 +332,7 @@ def validate(
         optipromp validate recorded.csv --scene scenario-3
         optipromp validate reach
         optipromp validate moveit.mcap --scene my-scene.yaml --out verdict --json
-        optipromp validate reach --controller franka
+        optipromp validate reach --controller fr3
 
     Args:
         trajectory (TRAJECTORY): A .csv or .npz file, a bag or .mcap with a JointTrajectory, or a
@@ -336,7 +340,7 @@ def validate(
         scene (SCENE): A scene file or built-in scene; a plan's own.
         out (DIR): Leave verdict.json and limits.png there.
         risk: Share of promised successes that may be broken; a plan's own, or 0.03.
-        controller: Also say what would abort the motion: franka, of a Franka Research 3.
+        controller: Also say what would abort the motion of a Franka Research 3 (either name).
     """
     from optipromp.core.planning import verdict_of
     from optipromp.core.planning.legs import curve_of, legs_of

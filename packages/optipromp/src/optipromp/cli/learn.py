@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
 from optipromp.cli.command import Report, Shown, command
@@ -15,6 +15,7 @@ from optipromp.parts import part
 
 if TYPE_CHECKING:
     from optipromp.core.promp import Basis, Demonstrations
+    from optipromp.core.promp.units import Units
 
 LARGEST_RESIDUAL = 0.05
 """[rad or m] A larger residual of a demonstration gives a warning: 0.05 rad moves the tool of an
@@ -37,6 +38,9 @@ def learn(
     bases: int | None = None,
     width: float = 4,
     figure: bool = True,
+    unit: Literal["radians", "degrees", "range"] | None = None,
+    calibration: Path | None = None,
+    rename: list[str] | None = None,
     *,
     robot: str | None = None,
     arm: ArmOptions,
@@ -51,6 +55,7 @@ def learn(
         optipromp learn recorded.npz --out reach.npz
         optipromp learn recordings/ --out reach.npz --robot panda --bases 12
         optipromp learn guided.mcap --out reach.npz --robot panda
+        optipromp learn so101-set --out reach.npz --unit range --calibration follower.json
 
     Args:
         demonstrations (DEMOS): NPZ, CSV, a folder of CSVs, or a bag of joint states.
@@ -61,6 +66,9 @@ def learn(
         bases (N): Number of bases a joint; cross-validated if left out.
         width: Width of a basis; larger is narrower.
         figure: Draw FILE with the suffix .png.
+        unit: Of columns of turning joints (radians); range: LeRobot's -100 to 100.
+        calibration (FILE): LeRobot's JSON of the arm, for --unit range.
+        rename (OLD=NEW): A column's other name; OLD= leaves the column out.
         robot (ROBOT): Put the columns, by name, into this robot's order; columns without names are
             taken to be in it.
     """
@@ -70,7 +78,8 @@ def learn(
         raise InvalidRequestError(f"--out {out}: the file of a primitive ends in .npz")
     check_folder(out.parent)
     with waiting("learning") as say:
-        recorded, recording = _read(demonstrations, arm.of(robot), topic, prefix)
+        said = unit, calibration, rename or []
+        recorded, recording = _read(demonstrations, arm.of(robot), topic, prefix, said)
         basis, held_out = _basis(recorded, bases, width, say)
         promp = (optipromp.fit_em if em else optipromp.fit)(recorded, basis)
         rest = residuals(recorded, basis)
@@ -105,24 +114,31 @@ def read_any(
     joints: Sequence[str] | None = None,
     topic: str | None = None,
     prefix: str | None = None,
+    units: "Units | None" = None,
 ) -> tuple["Demonstrations", Any]:
     """Demonstrations of a file or folder; of a bag also its cuts."""
     if not is_bag(path):
         for option, value in (("topic", topic), ("prefix", prefix)):
             if value is not None:
                 raise InvalidRequestError(f"--{option} {value}: {path} is no bag")
-        return optipromp.load_demonstrations(path), None
+        return optipromp.load_demonstrations(path, units), None
+    if units is not None:
+        raise InvalidRequestError(
+            f"{path} is a bag, in radians: no --unit, --calibration, --rename"
+        )
     found = part("load_recording")(path, joints, topic=topic, prefix=prefix or "")
     return found.demonstrations, found
 
 
 def _read(
-    path: Path, named: Named, topic: str | None, prefix: str | None
+    path: Path, named: Named, topic: str | None, prefix: str | None, said: tuple[Any, Any, Any]
 ) -> tuple["Demonstrations", Any]:
     """The demonstrations, in the joint order of a robot that is named; of a bag also its cuts."""
     from optipromp.core.promp import Demonstrations
     from optipromp.core.promp.checks import unnamed
     from optipromp.core.promp.demonstrations import turn_apart
+    from optipromp.core.promp.units import units_of
+    from optipromp.core.robots.kernels import PRISMATIC
 
     robot = joints = None
     if named.name is not None:
@@ -130,7 +146,11 @@ def _read(
 
         robot = load_arm(named.name, choice=named.choice)[0]
         joints = robot.joint_names
-    recorded, recording = read_any(path, joints, topic, prefix)
+    units = None
+    if any(said):
+        slides = robot.kinematics.dof[robot.kinematics.kind == PRISMATIC] if robot else ()
+        units = units_of(*said, {joints[k] for k in slides} if joints else ())
+    recorded, recording = read_any(path, joints, topic, prefix, units)
     nameless = unnamed(recorded.joint_names)
     if robot is not None and joints is not None:
         if nameless and len(joints) == recorded.n_joints and recorded.joint_names != joints:

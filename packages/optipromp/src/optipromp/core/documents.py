@@ -10,6 +10,7 @@ on deeply nested files, and raise exceptions of any type.
 
 from __future__ import annotations
 
+import codecs
 import csv
 import io
 import json
@@ -251,6 +252,10 @@ def refuse_event(event: Any, what: str) -> NoReturn:
     raise yaml.MarkedYAMLError(problem=what, problem_mark=event.start_mark)
 
 
+_WIDE = codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE
+_SEPARATOR = re.compile(r"sep=([^\w\r\n\"])\r?\n")
+
+
 @dataclass(frozen=True)
 class Table:
     """A CSV file: the names of its columns, and its rows as text."""
@@ -281,13 +286,23 @@ class Table:
 
 
 def read_table(path: Path, error: type[OptiPrompError], wanted: str) -> Table:
-    """Read a CSV file; ``wanted`` describes the expected header in messages."""
+    """Read a CSV file, in UTF-8, or in UTF-16 with its mark.
+
+    A first line ``sep=;`` states the separator. Lines that begin with ``#`` are left out; the last
+    is the header where numbers follow it. ``wanted`` describes the expected header in messages.
+    """
+    content = read_bytes(path, error, LARGEST_TEXT)
     try:
-        text = read_bytes(path, error, LARGEST_TEXT).decode("utf-8-sig")
-        lines = io.StringIO(text, newline="")
-        found = [(n, row) for n, row in enumerate(csv.reader(lines), start=1) if row]
+        text = content.decode("utf-16" if content[:2] in _WIDE else "utf-8-sig")
+        stated = _SEPARATOR.match(text)
+        lines = csv.reader(io.StringIO(text, newline=""), delimiter=stated[1] if stated else ",")
+        every = [(n, row) for n, row in enumerate(lines, start=1) if row][bool(stated) :]
     except (UnicodeDecodeError, csv.Error) as cause:
-        raise error(f"{path} is not a UTF-8 CSV file ({cause})") from None
+        raise error(f"{path} is not a CSV file in UTF-8 or UTF-16 ({cause})") from None
+    found = [each for each in every if not each[1][0].startswith("#")]
+    if len(found) < len(every) and all(map(_NUMBER.fullmatch, found[0][1] if found else "x")):
+        line, names = [each for each in every if each[1][0].startswith("#")][-1]
+        found.insert(0, (line, [names[0].lstrip(" #"), *names[1:]]))  # as numpy.savetxt writes it
     if not found:
         raise error(f"{path} is empty; expected a header {wanted}")
     header = [name.strip() for name in found[0][1]]

@@ -25,7 +25,8 @@ from optipromp.readers.chain import (
     Tree,
     words_of,
 )
-from optipromp.readers.urdf import Node, UrdfJoint, UrdfModel, read_xml
+from optipromp.readers.elements import Node, read_xml
+from optipromp.readers.urdf import UrdfJoint, UrdfModel
 
 _FOLDERS = (".", "srdf", "config", "../srdf", "../config")  # relative to the URDF's folder
 
@@ -45,12 +46,15 @@ class Group:
 class Srdf:
     """The content of an SRDF; ``groups`` by name, in file order.
 
-    ``hands``: of each end effector the link that carries it, and its group.
+    ``hands``: of each end effector the link that carries it, and its group. ``disabled``: pairs of
+    links whose collisions are disabled. ``passive``: joints that nothing drives.
     """
 
     path: Path
     groups: Mapping[str, Group]
     hands: tuple[tuple[str, str], ...]
+    disabled: tuple[tuple[str, str], ...]
+    passive: tuple[str, ...]
 
 
 def read_srdf(path: Path) -> Srdf:
@@ -64,7 +68,7 @@ def read_srdf(path: Path) -> Srdf:
             f"{path}:{root.line}: the root element is <{root.tag}>; an SRDF starts with <robot>"
         )
     groups: dict[str, Group] = {}
-    hands = []
+    hands, disabled, passive = [], [], []
     for node in root.children:
         if node.tag == "group":
             group = _group(path, node)
@@ -76,7 +80,11 @@ def read_srdf(path: Path) -> Srdf:
         elif node.tag == "end_effector":
             _, link, of = (_given(path, node, key) for key in ("name", "parent_link", "group"))
             hands.append((link, of))
-    return Srdf(path, groups, tuple(hands))
+        elif node.tag == "disable_collisions":
+            disabled.append((node.attributes.get("link1", ""), node.attributes.get("link2", "")))
+        elif node.tag == "passive_joint":
+            passive.append(_given(path, node, "name"))
+    return Srdf(path, groups, tuple(hands), tuple(disabled), tuple(passive))
 
 
 def _group(path: Path, node: Node) -> Group:
@@ -129,16 +137,6 @@ def _robot(path: Path, strict: bool) -> str:
         if strict:
             raise
         return ""
-
-
-def disabled_pairs(path: Path, model: UrdfModel) -> list[tuple[str, str]]:
-    """The pairs of links of ``model`` whose collisions the SRDF disables."""
-    pairs = [
-        (node.attributes.get("link1", ""), node.attributes.get("link2", ""))
-        for node in read_xml(path).children
-        if node.tag == "disable_collisions"
-    ]
-    return [(a, b) for a, b in pairs if a in model.links and b in model.links]
 
 
 _NO_DIGITS = str.maketrans("", "", "0123456789")

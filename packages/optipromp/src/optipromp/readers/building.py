@@ -4,7 +4,8 @@ Covers are spheres that enclose the geometry of links, and reach little beyond i
 """
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -27,16 +28,19 @@ from optipromp.core.robots.model import BodySpheres, Dynamics, Robot
 from optipromp.core.robots.resolved import MOST_JOINTS, MOST_SPHERES
 from optipromp.core.robots.tool_geometry import cover_box, cover_capsule, cover_cylinder
 from optipromp.readers import self_collision
-from optipromp.readers.arm import choose_arm, disabled_pairs, read_srdf, srdf_beside
+from optipromp.readers.arm import Srdf, choose_arm, linkages, read_srdf, srdf_beside
 from optipromp.readers.chain import Chain, serial_chain
 from optipromp.readers.fit import MOST_SAMPLES, count_samples, finer, fit_covers
 from optipromp.readers.packages import MOST_TRIANGLES, triangles
 from optipromp.readers.robot_file import GROWTH, SLIDE, TURN, RobotFile
-from optipromp.readers.urdf import UrdfModel
+from optipromp.readers.urdf import SMALLEST, UrdfModel
 
 LOOSE = 0.030  # [m] chosen: excess above which the cover of a mesh gets further spheres
 FIXED = 0.060  # [m] chosen: that excess for links that do not move, except the arm's base
 PER_MESH = 7.5  # spheres, chosen: mean over the meshes of a robot, 60 for eight links
+SHRUNK = 0.3  # chosen: share of the size of what is shown that a link's collision shapes have
+FAST_TURN = 50.0  # [rad/s] chosen: a larger limit is in degrees; SCARA wrists reach 45
+FAST_SLIDE = 20.0  # [m/s] chosen: a larger limit is in millimetres
 MOUNTED = 0.005  # [m] chosen: distance of the lowest fixed point from z = 0, at most, if mounted
 
 
@@ -187,18 +191,24 @@ def build(
     if (name := printable(entry.name)) != entry.name:
         raise InvalidRobotError(f"{path}: the robot's name '{name[:60]}' holds control characters")
     srdf = srdf or srdf_beside(model)
+    said = None if srdf is None else read_srdf(srdf)
     tip, base = choice.tip or entry.flange, choice.base or entry.base
     named = choice.arm
     if named is not None and choice.tip is None and choice.base is None:
         tip = base = None  # the caller's choice precedes that of the file
-    groups = read_srdf(srdf) if srdf and tip is None else None
-    arm = choose_arm(model, tip, base, groups, named)
+    arm = choose_arm(model, tip, base, said if tip is None else None, named)
     chain = serial_chain(model, arm.tip, arm.base, {**entry.hold, **choice.hold})
     if len(chain.kinematics.kind) > MOST_JOINTS:
         raise InvalidRobotError(
             f"{path}: the arm has {len(chain.kinematics.kind)} joints: must have at most "
             f"{MOST_JOINTS}; choose a base or a tip, or hold some"
         )
+    for joint in said.passive if said else ():
+        if joint in chain.joint_names:
+            raise InvalidRobotError(
+                f"{path}: {srdf} calls joint '{joint}' of the arm passive: nothing drives it; "
+                f"choose a tip before it, such as {model.joints[joint].parent} (--tip)"
+            )
     home = _home(entry, chain, path)
     for link in (*entry.spheres, *(link for pair in entry.allow_self for link in pair)):
         if link not in model.links:
@@ -239,7 +249,42 @@ def build(
         dynamics=dynamics(model, chain),
         arm=arm,
     )
-    return _with_pairs(robot, entry, model, chain, covers, srdf)
+    robot = _with_pairs(robot, entry, model, chain, covers, said)
+    told = [words.removeprefix(str(model.path)) for words in _told(robot, entry, model) if words]
+    return replace(robot, told=tuple(told))
+
+
+def _told(robot: Robot, entry: RobotFile, model: UrdfModel) -> Iterator[str]:
+    """The warnings of a robot and of its description, each after its path or empty."""
+    moving = [model.joints[name] for name in robot.joint_names]
+    yield from (model.told, linkages(model, robot), *(joint.told for joint in moving))
+    yield from (joint.remark for joint in moving if entry.velocity is None)
+    names = np.array(robot.joint_names)
+    most = np.where([j.kind == "prismatic" for j in moving], FAST_SLIDE, FAST_TURN)
+    fast = (robot.velocity > most) & np.isfinite(robot.velocity)
+    for found, words in (
+        (robot.lower == robot.upper, "cannot move: both limits are the same"),
+        (fast, f"may move at {robot.velocity[fast].max(initial=0):g} rad/s or m/s: degrees or mm?"),
+    ):
+        yield f": {', '.join(names[found])} {words}" if found.any() else ""
+    for name, link in model.links.items():
+        if name in entry.spheres or not (link.collisions and link.visuals):
+            continue
+        with suppress(InvalidRobotError):  # of a mesh that is only shown
+            solid, shown = (_solid(model, name, each) for each in (link.collisions, link.visuals))
+            wide = np.maximum(np.ptp(shown, axis=(0, 1)), SMALLEST)
+            share = float((np.ptp(solid, axis=(0, 1)) / wide).min())
+            if share < SHRUNK:
+                yield (
+                    f": link '{name}' is solid in {100 * share:.2g} % of the width that is shown: "
+                    "only what is solid is kept clear; give it spheres in a robot file"
+                )
+
+
+def _solid(model: UrdfModel, link: str, shapes: Sequence[LinkShape]) -> FloatArray:
+    """The triangles (f, 3, 3) [m] of some shapes of a link, in its frame."""
+    placed = (_surface(model, link, of) @ rotation_of(of.rpy).T + np.array(of.xyz) for of in shapes)
+    return np.concatenate(list(placed))
 
 
 def _home(entry: RobotFile, chain: Chain, path: Path) -> FloatArray:
@@ -262,29 +307,21 @@ def _with_pairs(
     model: UrdfModel,
     chain: Chain,
     covers: dict[str, Cover],
-    srdf: Path | None,
+    srdf: Srdf | None,
 ) -> Robot:
     """The robot with its self-collision pairs; ``covers`` of loose spheres are made finer."""
-    disabled = [] if srdf is None else [(srdf.name, pair) for pair in disabled_pairs(srdf, model)]
-    left_out = [("robot file", pair) for pair in entry.allow_self] + disabled
-    known = {pair for _, pair in disabled}
-    left_out += [
-        ("slide along one direction", pair)
-        for pair in self_collision.telescopes(robot)
-        if not {pair, pair[::-1]} & known
-    ]
+    disabled = [] if srdf is None else [p for p in srdf.disabled if model.links.keys() >= set(p)]
+    slides = [p for p in self_collision.telescopes(robot) if not {p, p[::-1]} & set(disabled)]
+    left_out = [("robot file", pair) for pair in entry.allow_self]
+    left_out += [(srdf.path.name, pair) for pair in disabled if srdf]
+    left_out += [("slide along one direction", pair) for pair in slides]
 
     def halved(robot: Robot, loose: IntArray) -> tuple[Robot, FloatArray]:
         for index in np.unique(robot.spheres.link[loose]):
             link = robot.link_names[index]
-            shapes = model.links[link].collisions or model.links[link].visuals
-            parts = [
-                _surface(model, link, shape) @ rotation_of(shape.rpy).T + np.array(shape.xyz)
-                for shape in shapes
-            ]
+            surface = _solid(model, link, model.links[link].collisions or model.links[link].visuals)
             of_link = np.flatnonzero(robot.spheres.link == index)
             split = np.flatnonzero(np.isin(of_link, loose)).tolist()
-            surface = np.concatenate(parts)
             balls, excess = finer(surface, covers[link].spheres, split)
             own = self_collision.parts_of_cover(balls, surface)
             covers[link] = Cover(balls, excess, own)

@@ -25,8 +25,8 @@ from optipromp.core.errors import InvalidRequestError, InvalidRobotError, instal
 from optipromp.core.robots.description import LinkShape, Vector
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.readers import urdf
+from optipromp.readers.elements import Node, read_xml
 from optipromp.readers.packages import LIMITS, run_limited
-from optipromp.readers.urdf import Node, read_xml
 
 SUFFIXES = (".xml", ".mjcf")
 _FOLDERS = ("meshdir", "texturedir", "assetdir")  # attributes of <compiler>: folders of assets
@@ -274,8 +274,10 @@ class _Reader:
     ) -> None:
         model, name = self.model, self.joint_names[j]
         kind, limited = int(model.jnt_type[j]), bool(model.jnt_limited[j])
-        low, high = (float(v) for v in model.jnt_range[j]) if limited else (-math.inf, math.inf)
-        fault = ""
+        ends, fault = (-math.inf, math.inf), ""
+        if limited:
+            ends = float(model.jnt_range[j][0]), float(model.jnt_range[j][1])
+        ends, velocity, told = urdf.within(ends, math.inf, self._kept(j))
         if kind == BALL:
             fault = f"{self.path}: joint '{name}' is a ball joint; an arm has hinges and slides"
         elif kind == SLIDE and not limited:
@@ -286,9 +288,10 @@ class _Reader:
                 "is a chain: take the equality out, and state couplings under mimic in a robot file"
             )
         self.joints[name] = urdf.UrdfJoint(
-            name, "prismatic" if kind == SLIDE else "revolute" if limited else "continuous",
-            parent, child, _vector(at), _rpy(turn), _vector(axis), low, high, math.inf,
-            self._mimic(j), self._effort(j), fault,
+            name,
+            "prismatic" if kind == SLIDE else "revolute" if ends[1] < math.inf else "continuous",
+            parent, child, _vector(at), _rpy(turn), _vector(axis), *ends, velocity,
+            self._mimic(j), self._effort(j), fault, told=told and f"{self.path}: {told}",
         )  # fmt: skip
 
     def _fix(self, child: str, parent: str, at: FloatArray, turn: FloatArray) -> None:
@@ -316,11 +319,34 @@ class _Reader:
         model, least = self.model, math.inf
         if model.jnt_actfrclimited[j]:
             least = float(np.abs(model.jnt_actfrcrange[j]).max())
-        for a in range(model.nu):
-            on_joint = int(model.actuator_trntype[a]) == 0 and int(model.actuator_trnid[a, 0]) == j
-            if on_joint:
-                least = min(least, abs(float(model.actuator_gear[a, 0])) * self._force(a))
+        for a in self._actuators(j):
+            least = min(least, abs(float(model.actuator_gear[a, 0])) * self._force(a))
         return least or math.inf
+
+    def _actuators(self, j: int) -> list[int]:
+        """The actuators on a joint itself."""
+        model = self.model
+        on = (model.actuator_trntype <= 1) & (model.actuator_trnid[:, 0] == j)
+        return [int(a) for a in np.flatnonzero(on)]
+
+    def _kept(self, j: int) -> Iterator[urdf.Kept]:
+        """What servos of position and of velocity can ask of a joint: where their force is 0.
+
+        MuJoCo's force: gain control + bias[0] + bias[1] length + bias[2] velocity; both by gear.
+        """
+        model = self.model
+        for a in self._actuators(j):
+            gain, bias = float(model.actuator_gainprm[a, 0]), model.actuator_biasprm[a]
+            integrates = int(model.actuator_dyntype[a]) == 1
+            limited = model.actuator_actlimited if integrates else model.actuator_ctrllimited
+            asked = model.actuator_actrange if integrates else model.actuator_ctrlrange
+            servo = model.actuator_gaintype[a] == 0 and model.actuator_biastype[a] == 1  # affine
+            of, gear = (1 if bias[1] else 2), float(model.actuator_gear[a, 0])
+            if servo and limited[a] and bias[of] < 0.0 and gear:
+                low, high = sorted((gain * asked[a] + bias[0]) / (-bias[of] * gear))
+                name = model.actuator(a).name or f"actuator {a}"
+                what = f"joint '{self.joint_names[j]}': {name} by its range"
+                yield urdf.Kept(what, float(low), float(high), of == 2)
 
     def _force(self, a: int) -> float:
         """Limit of the force of actuator ``a`` by its range, and by the control of a motor."""

@@ -233,7 +233,7 @@ def expanded(
     except InvalidRobotError as error:
         said = error.message.removeprefix(f"{path}: ")
         if missing := _UNDECLARED.search(said):
-            said += f": give it, as --robot-arg {missing[1]}=VALUE or under args in a robot file"
+            said += f": give it, as --robot-arg {missing[1]}:=VALUE or under args in a robot file"
         raise InvalidRobotError(
             f"{path}: xacro cannot expand it: {said}; packages are looked "
             "for in package_dirs= or --package-dir and over the file"

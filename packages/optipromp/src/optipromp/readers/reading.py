@@ -21,13 +21,13 @@ from optipromp.core.robots.description import meshes_found
 from optipromp.core.robots.library import Check, Choice
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.resolved import SUFFIX, read_resolved, resolved
-from optipromp.readers.arm import linkages, srdf_files
+from optipromp.readers.arm import srdf_files
 from optipromp.readers.mjcf import is_mjcf, mjcf_files, read_mjcf
 from optipromp.readers.packages import expanded, is_xacro, mesh_files, with_meshes_found
 from optipromp.readers.robot_file import GROWTH, SLIDE, TURN, RobotFile, read_robot_file
 from optipromp.readers.urdf import UrdfModel, check_mimics, read_urdf
 
-_VERSION = 4  # of the readers: raise it when the same files give another robot
+_VERSION = 5  # of the readers: raise it when the same files give another robot
 _HELD = 16  # robots in memory, chosen
 
 Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]
@@ -75,12 +75,8 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
         told = f"{path} states no limits of acceleration: {TURN:g} rad/s² and {SLIDE:g} m/s² are"
         told += f" assumed, and {GROWTH:g} times as much jerk in a second; a robot file may state"
         warnings.warn(f"{told} others (acceleration: [...]), or 'acceleration: none'", stacklevel=2)
-    if found.model is not None:
-        moving = [found.model.joints[name] for name in robot.joint_names]
-        remarks = [joint.remark for joint in moving] if found.entry.velocity is None else []
-        for words in (*remarks, *(joint.told for joint in moving), linkages(found.model, robot)):
-            if words:
-                warnings.warn(words, stacklevel=2)
+    for words in robot.told:
+        warnings.warn(f"{found.urdf}{words}", stacklevel=2)
     if found.files is not None:
         while len(_held) >= _HELD:
             _held.pop(next(iter(_held)), None)
@@ -173,9 +169,7 @@ def _resolved(found: _Found, path: Path, choice: Choice) -> Robot:
     from optipromp.readers.building import build  # SciPy and the kernels of covers load slowly
 
     robot = build(entry, model, path, choice, found.groups)
-    if model.told:  # which the next run must tell, too
-        warnings.warn(model.told, stacklevel=3)
-    elif cached is not None:
+    if cached is not None:
         with suppress(InvalidRequestError):  # the next run builds it again
             write_atomically(cached, resolved(robot, cached.parent))
     return robot

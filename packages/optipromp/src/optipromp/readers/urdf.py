@@ -7,103 +7,16 @@ axis.
 import math
 import re
 import warnings
-from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, NoReturn
-from xml.sax.handler import ContentHandler
-from xml.sax.xmlreader import AttributesImpl, Locator
+from typing import Literal, NamedTuple, NoReturn
 
 from optipromp.core.errors import LONGEST_NAME, InvalidRobotError, is_name, printable
-from optipromp.core.files import LARGEST_TEXT, read_bytes
 from optipromp.core.robots.description import LinkShape, Vector
-
-_XACRO = re.compile(r"\$\{[^}]*\}?|\$\([^)]*\)?")
-
-
-@dataclass(frozen=True)
-class Node:
-    """An element: tag, attributes, child elements in order, line in the file (from 1)."""
-
-    tag: str
-    attributes: dict[str, str]
-    line: int
-    children: list["Node"] = field(default_factory=list)
-
-
-class _Builder(ContentHandler):
-    """Builds the tree without recursion."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.path = path
-        self.root: Node | None = None
-        self.open: list[Node] = []
-        self.locator: Locator | None = None
-
-    def setDocumentLocator(self, locator: Locator) -> None:
-        self.locator = locator
-
-    def startElement(self, name: str, attrs: AttributesImpl) -> None:
-        line = (self.locator.getLineNumber() if self.locator is not None else None) or 0
-        if name.startswith("xacro:"):
-            raise InvalidRobotError(
-                f"{self.path}:{line}: <{name}> is unexpanded xacro; expand the file first "
-                "(xacro robot.urdf.xacro > robot.urdf)"
-            )
-        attributes = {key: str(attrs.getValue(key)) for key in attrs.getNames()}
-        for key, value in attributes.items():
-            found = _XACRO.search(value)
-            if found:
-                raise InvalidRobotError(
-                    f'{self.path}:{line}: <{name}> {key}="{value}" holds the unexpanded xacro '
-                    f"expression {found.group()}; expand the file first"
-                )
-        node = Node(name, attributes, line)
-        if self.open:
-            self.open[-1].children.append(node)
-        else:
-            self.root = node
-        self.open.append(node)
-
-    def endElement(self, name: str) -> None:
-        self.open.pop()
-
-
-def read_xml(path: Path, content: bytes | None = None) -> Node:
-    """The root element of the XML file at ``path``, in any encoding of XML.
-
-    ``content`` is read in place of the file's content.
-    """
-    from xml.sax import SAXParseException
-
-    import defusedxml.sax
-    from defusedxml.common import DefusedXmlException
-
-    content = read_bytes(path, InvalidRobotError, LARGEST_TEXT) if content is None else content
-    if not content.strip():
-        raise InvalidRobotError(f"{path}: the file is empty; a URDF starts with <robot>")
-    builder = _Builder(path)
-    try:
-        defusedxml.sax.parseString(content, builder)
-    except DefusedXmlException as error:
-        raise InvalidRobotError(
-            f"{path}: declares or refers to XML entities ({type(error).__name__}); "
-            "a URDF needs none, and they are refused"
-        ) from error
-    except SAXParseException as error:
-        raise InvalidRobotError(
-            f"{path}:{error.getLineNumber()}:{error.getColumnNumber()}: not well-formed XML: "
-            f"{error.getMessage()}"
-        ) from error
-    except (ValueError, LookupError) as error:  # an encoding that does not exist or does not fit
-        raise InvalidRobotError(f"{path}: not readable as XML: {error}") from error
-    if builder.root is None:
-        raise InvalidRobotError(f"{path}: holds no XML element")
-    return builder.root
-
+from optipromp.readers.elements import Node, read_xml
 
 JointKind = Literal["revolute", "continuous", "prismatic", "fixed"]
 
@@ -199,6 +112,38 @@ def read_urdf(path: Path, scale: float = 1.0, content: bytes | None = None) -> U
     return _Reader(path, scale).read(read_xml(path, content))
 
 
+class Kept(NamedTuple):
+    """A range that a joint's controller keeps, of its velocity or else of its position."""
+
+    what: str  # keeps it, in words
+    low: float  # [rad or m, or by second]
+    high: float
+    speed: bool = False
+
+
+def within(
+    ends: tuple[float, float], velocity: float, kept: Iterable[Kept]
+) -> tuple[tuple[float, float], float, str]:
+    """Position limits and velocity limit within all that is kept, and a warning where they change.
+
+    Two zeros are no range, one that leaves nothing is not kept, and neither is one of several turns
+    of a joint without limits.
+    """
+    limits, told = {False: ends, True: (-velocity, velocity)}, []
+    for what, low, high, speed in kept:
+        now = limits[speed]
+        inner, free = (max(now[0], low), min(now[1], high)), not speed and now[1] == math.inf
+        if inner == now or low == high == 0.0 or (free and max(-low, high) > ANGLE_LIMIT):
+            continue
+        given, of = f"[{now[0]:g}, {now[1]:g}]", "velocities" if speed else "limits"
+        if inner[0] >= inner[1]:
+            told.append(f"{what} keeps [{low:g}, {high:g}], nothing of its {of} {given}: not read")
+            continue
+        told.append(f"{what} narrows its {of} to [{inner[0]:g}, {inner[1]:g}] from {given}")
+        limits[speed] = inner
+    return limits[False], min(limits[True][1], -limits[True][0]), "; ".join(told)
+
+
 class _Reader:
     """The state of reading one file."""
 
@@ -206,6 +151,7 @@ class _Reader:
         self.path = path
         self.scale = scale
         self.free: dict[str, Node] = {}  # planar and floating joints
+        self.commanded: dict[str, list[Node]] = {}  # interfaces of <ros2_control> by joint
 
     def refuse(self, what: str, node: Node | None = None) -> NoReturn:
         raise InvalidRobotError(self.at(what, node))
@@ -220,6 +166,10 @@ class _Reader:
             self.refuse(f"the root element is <{root.tag}>; a URDF starts with <robot>", root)
         links: dict[str, UrdfLink] = {}
         joints: dict[str, UrdfJoint] = {}
+        systems = [node for node in root.children if node.tag == "ros2_control"]
+        for driven in (each for node in systems for each in node.children if each.tag == "joint"):
+            stated = [each for each in driven.children if each.tag == "command_interface"]
+            self.commanded.setdefault(driven.attributes.get("name", ""), []).extend(stated)
         for node in root.children:
             if node.tag == "link":
                 link = self.link(node)
@@ -313,40 +263,49 @@ class _Reader:
         parent, child = (self.end(node, tag, owner) for tag in ("parent", "child"))
         xyz, rpy = self.origin(node, owner)
         if (away := math.hypot(*xyz)) > FAR_LENGTH:
-            told = f"{owner} stands {away:.3g} m from its parent: millimetres? then write scale:"
-            warnings.warn(self.at(f"{told} 0.001 in a robot file", node), stacklevel=2)
+            words = f"{owner} stands {away:.3g} m from its parent: millimetres? then write scale:"
+            warnings.warn(self.at(f"{words} 0.001 in a robot file", node), stacklevel=2)
         axis = self.axis(node, owner) if kind != "fixed" else (1.0, 0.0, 0.0)
         lower, upper, velocity, effort, fault = self.limits(node, kind, owner)
-        lower, upper, soft = self.soft_limits(node, owner, lower, upper, kind)
         mimic = self.mimic(node, owner) if kind != "fixed" else None
         limit, remark = self.only(node, "limit", owner), ""
         if kind != "fixed" and limit is not None and math.isinf(velocity):
-            told = f"{owner} has the velocity limit {limit.attributes.get('velocity')}, which would"
-            told += " hold it: taken as none; give one in a robot file (velocity)"
-            remark = self.at(told, limit) if "velocity" in limit.attributes else ""
+            words = f"{owner} has the velocity limit {limit.attributes.get('velocity')}, which"
+            words += " would hold it: taken as none; give one in a robot file (velocity)"
+            remark = self.at(words, limit) if "velocity" in limit.attributes else ""
+        ends, velocity, told = within((lower, upper), velocity, self.kept(node, kind, owner))
+        if kind == "continuous" and math.isfinite(ends[0]):
+            kind = "revolute"
         return UrdfJoint(
-            name, kind, parent, child, xyz, rpy, axis, lower, upper, velocity, mimic, effort,
-            fault, remark, soft,
+            name, kind, parent, child, xyz, rpy, axis, *ends, velocity, mimic, effort,
+            fault, remark, self.at(told, node),
         )  # fmt: skip
 
-    def soft_limits(
-        self, node: Node, owner: str, lower: float, upper: float, kind: JointKind
-    ) -> tuple[float, float, str]:
-        """The limits within those of the ``<safety_controller>``, and a warning where they differ.
+    def kept(self, node: Node, kind: JointKind, owner: str) -> Iterator[Kept]:
+        """The ranges that the controllers of a joint keep."""
+        unit = self.scale if kind == "prismatic" else 1.0
 
-        Soft limits that leave no range, such as two zeros, are none.
-        """
-        found = self.only(node, "safety_controller", owner)
-        if found is None or kind in ("fixed", "continuous"):
-            return lower, upper, ""
-        what, unit = f"{owner} <safety_controller>", self.scale if kind == "prismatic" else 1.0
-        sides = ("soft_lower_limit", -math.inf), ("soft_upper_limit", math.inf)
-        soft = [unit * self.numbers(found, key, 1, what, (none,))[0] for key, none in sides]
-        low, high = max(lower, soft[0]), min(upper, soft[1])
-        if low >= high or (low, high) == (lower, upper):
-            return lower, upper, ""
-        told = f"{what} narrows its limits to [{low:g}, {high:g}] from [{lower:g}, {upper:g}]"
-        return low, high, self.at(told, found)
+        def ends(holder: Node, what: str, low: str, high: str) -> Kept:
+            (least,) = self.numbers(holder, low, 1, what, (-math.inf,))
+            (most,) = self.numbers(holder, high, 1, what, (math.inf,))
+            return Kept(what, unit * least, unit * most)
+
+        soft = self.only(node, "safety_controller", owner)
+        if soft is not None and kind not in ("continuous", "fixed"):
+            keys = "soft_lower_limit", "soft_upper_limit"
+            yield ends(soft, f"{owner} <safety_controller>", *keys)
+        for each in self.commanded.get(node.attributes["name"].strip(), ()):
+            params = [of for of in each.children if of.tag == "param"]
+            stated = {of.attributes.get("name", ""): "".join(of.text) for of in params}
+            if (quantity := each.attributes.get("name")) not in ("position", "velocity"):
+                continue
+            what, given = f"{owner} <ros2_control>", Node("param", stated, each.line)
+            found = ends(given, what, "min", "max")
+            if quantity == "velocity":
+                most = min((abs(end) for end in found[1:3] if end), default=math.inf)
+                found = Kept(what, -most, most, speed=True)
+            if kind != "fixed":
+                yield found
 
     def refuse_kind(self, owner: str, node: Node, why: str = "") -> NoReturn:
         given = node.attributes.get("type", "")

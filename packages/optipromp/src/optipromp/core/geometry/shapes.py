@@ -167,10 +167,6 @@ class Primitive(Shape, Validated, error=InvalidSceneError):
     def _limited(cls, name: str, hint: Any) -> Any:
         return {float: Size, tuple[float, float, float]: tuple[Size, Size, Size]}.get(hint, hint)
 
-    def balls(self, line: FloatArray) -> BallPair:
-        """A single ball that holds the shape."""
-        return _single_ball(self, line)
-
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the corners of its faces, whatever ``around``."""
         points = np.unique(self.surface().reshape(-1, 3).round(12), axis=0)
@@ -189,6 +185,10 @@ class Sphere(Primitive):
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         return faces.sphere(np.zeros(3), self.radius, ROUND)
+
+    def balls(self, line: FloatArray) -> BallPair:
+        """Itself."""
+        return BallPair(line, 0.0, self.radius, self.radius, 0.0)
 
 
 @dataclass(frozen=True)
@@ -260,10 +260,6 @@ class Ellipsoid(Primitive):
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
-
-    def balls(self, line: FloatArray) -> BallPair:
-        """Two balls that touch its ends along ``line``."""
-        return Shape.balls(self, line)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the surface points with evenly spread normals."""
@@ -415,16 +411,13 @@ class PointCloudShape(Shape, Validated, error=InvalidSceneError):
 
     def balls(self, line: FloatArray) -> BallPair:
         """A single ball that holds the points."""
-        return _single_ball(self, line)
+        return BallPair(line, 0.0, bound := self.measure.bound, bound, 0.0)
 
     def mesh(self, around: int = 24) -> MeshShape:
         """Refused: the surface between the points is unknown."""
         raise InvalidSceneError("a point cloud has no mesh")
 
 
-def _single_ball(shape: Shape, line: FloatArray) -> BallPair:
-    bound = shape.measure.bound
-    return BallPair(line, 0.0, bound, bound, 0.0)
 
 
 def _end_balls(line: FloatArray, low: float, high: float, length: float) -> BallPair:

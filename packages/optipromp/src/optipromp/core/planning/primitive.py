@@ -23,6 +23,7 @@ from optipromp.core.robots.library import built_in_twin
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import PoseGoal
 
+RECORDED = "panda", "scara"  # robots of the built-in demonstrations
 BASIS = Basis(count=14, width=2.0, outside=1)  # of the primitives that a plan learns: a choice
 
 
@@ -109,7 +110,7 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
     robot = task.robot
     if demonstrations is not None:
         promp = _given(demonstrations, basis, robot)
-    elif (known := built_in_twin(robot)) is not None:
+    elif (known := built_in_twin(robot, RECORDED)) is not None:
         promp = _built_in(known, basis)
     else:
         promp = smooth_prior(robot, basis, task.start)

@@ -385,6 +385,7 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
     return replace(scene, approach=approach)
 
 
+DEGREES = 4.0 * np.pi  # [rad] chosen: larger values look like degrees
 LIMIT_TOLERANCE = 2e-3
 """[rad or m] A start or a goal that is this little beyond a limit is at the limit. An encoder of
 4096 steps errs by 1.5e-3 rad: a choice."""
@@ -407,6 +408,9 @@ def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatA
     over = np.maximum(robot.lower - q, q - robot.upper)
     worst = int(np.argmax(over))
     if over[worst] <= 0.0:
+        far = int(np.argmax(np.abs(q)))
+        if abs(q[far]) > DEGREES:
+            warnings.warn(f"{what}: {robot.joint_names[far]} is {q[far]:g}: degrees?", stacklevel=4)
         return q
     noise = LIMIT_ROUNDING < over[worst] <= LIMIT_TOLERANCE
     told = (
@@ -414,7 +418,7 @@ def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatA
         f"limits [{robot.lower[worst]:.4f}, {robot.upper[worst]:.4f}]"
     )
     if over[worst] > LIMIT_TOLERANCE:
-        degrees = " (degrees? radians are needed)" if abs(q[worst]) > 4.0 * np.pi else ""
+        degrees = " (degrees? radians are needed)" if abs(q[worst]) > DEGREES else ""
         raise error(f"{told} by more than {LIMIT_TOLERANCE:g}{degrees}")
     if noise:
         warnings.warn(f"{told} by {over[worst]:.2g}: moved to the limit", stacklevel=4)

@@ -90,5 +90,5 @@ def matching_columns(names: Sequence[str], joints: Sequence[str], what: str) -> 
     raise InvalidDemonstrationError(
         f"{what}: {fault}. Name each joint of the robot once: {', '.join(joints)} (in the header "
         "of a CSV, in joint_names of an NPZ; columns without names that are in the robot's order "
-        "get them by 'optipromp learn --robot')"
+        "get them by 'optipromp learn --robot', others by its --rename OLD=NEW)"
     )

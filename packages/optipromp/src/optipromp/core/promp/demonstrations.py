@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, overload
@@ -25,6 +25,9 @@ _STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without
 _BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
 _FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
+
+
+Convert = Callable[[Sequence[str], FloatArray], tuple[list[str], FloatArray]] | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,7 +199,7 @@ def check_limits(
     )
 
 
-def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
+def load_demonstrations(path: str | os.PathLike[str], units: Convert = None) -> Demonstrations:
     """Read demonstrations from a file or folder.
 
     - ``.npz``: ``Q`` (M, n), ``time`` (M,), ``lengths`` (N,), all demonstrations one after
@@ -208,30 +211,29 @@ def load_demonstrations(path: str | os.PathLike[str]) -> Demonstrations:
     - a folder: every ``.csv`` in it, by name, all with the same joints in the same order.
     - a LeRobot dataset: ``observation.state`` of each episode, without columns of a gripper.
 
+    ``units``: in others than radians and metres, see :class:`optipromp.core.promp.units.Units`.
+
     Warns:
-        UnitsWarning: a position is beyond 4π, as degrees or millimetres are.
+        UnitsWarning: a position is beyond 4π, as degrees or millimetres are; or LeRobot's are not
+            stated.
 
     Raises:
         InvalidDemonstrationError: the message names the file, and the row or index if any.
     """
     path = Path(path)
-    if is_there(path / "meta" / "info.json"):
-        result = _read_lerobot(path)
-    elif is_folder(path):
-        result = _read_folder(path)
+    read = {".npz": _read_npz, ".csv": _read_csv}.get(path.suffix.lower())
+    if is_folder(path):
+        read = _read_lerobot if is_there(path / "meta" / "info.json") else _read_folder
     elif not is_there(path):
         raise InvalidDemonstrationError(f"{path} does not exist")
-    elif path.suffix.lower() == ".npz":
-        result = _read_npz(path)
-    elif path.suffix.lower() == ".csv":
-        result = _read_csv(path)
-    else:
+    if read is None:
         raise InvalidDemonstrationError(f"{path}: expected .npz, .csv or a folder of .csv files")
+    result = read(path, units)
     largest = [float(np.abs(item.positions).max()) for item in result]
     if max(largest) > _LARGEST:
         warnings.warn(
             f"{path}: demonstration {int(np.argmax(largest))} reaches {max(largest):.4g}; "
-            "positions are read as radians or metres",
+            "positions are read as radians or metres (learn --unit states another)",
             checks.UnitsWarning,
             stacklevel=2,
         )
@@ -244,7 +246,7 @@ def _odd(found: Demonstrations) -> list[str]:
     """Demonstrations that run the other way, or stand still for long, in words."""
     told = []
     if words := turn_apart(found):
-        told.append(f"{words}: 'learn --robot ROBOT' puts joints that may turn onto one turn")
+        told.append(f"{words}: a robot whose joint may turn (learn --robot) has it on their turn")
     ends = np.array([d.positions[[0, -1]] for d in found])  # (N, 2, n)
     usual = np.median(ends, axis=0)
     away, back = (np.linalg.norm(ends - e, axis=2).sum(axis=1) for e in (usual, usual[::-1]))
@@ -297,12 +299,15 @@ def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[
 
 
 def _build(
-    path: Path, parts: Sequence[tuple[str, ArrayLike, ArrayLike]], names: Sequence[str]
-) -> Demonstrations:
+    path: Path, parts: Sequence[tuple[str, ArrayLike, ArrayLike]], names: Sequence[str],
+    units: Convert,
+) -> Demonstrations:  # fmt: skip
     """Demonstrations from (label, times, positions); errors name the file and the label."""
-    items = []
+    items, columns = [], names
     for label, times, positions in parts:
         try:
+            if units is not None:
+                names, positions = units(columns, np.asarray(positions))
             item = Demonstration(np.asarray(times), np.asarray(positions))
         except InvalidDemonstrationError as cause:
             raise InvalidDemonstrationError(f"{path}: {label}: {cause.message}") from None
@@ -320,7 +325,7 @@ def _numbers(data: dict[str, NDArray[np.generic]], key: str, path: Path) -> Floa
     return array.astype(np.float64)
 
 
-def _read_npz(path: Path) -> Demonstrations:
+def _read_npz(path: Path, units: Convert) -> Demonstrations:
     data = read_npz(path, InvalidDemonstrationError)
     names = texts(data["joint_names"]) if "joint_names" in data else ()
     if {"Q", "time", "lengths"} <= data.keys():
@@ -354,10 +359,11 @@ def _read_npz(path: Path) -> Demonstrations:
         raise InvalidDemonstrationError(
             f"{path} holds {', '.join(sorted(data)) or 'nothing'}; expected {_FORMS}"
         )
-    return _build(path, [(f"demonstration {i}", t, p) for i, (t, p) in enumerate(parts)], names)
+    labelled = [(f"demonstration {i}", t, p) for i, (t, p) in enumerate(parts)]
+    return _build(path, labelled, names, units)
 
 
-def _read_csv(path: Path) -> Demonstrations:
+def _read_csv(path: Path, units: Convert) -> Demonstrations:
     table = read_table(path, InvalidDemonstrationError, "time,<joint>,...")
     header = table.header
     rates = {name + kind for name in header for kind in ("_velocity", "_acceleration")}
@@ -376,10 +382,10 @@ def _read_csv(path: Path) -> Demonstrations:
         name = f"demo {label}" if label else "rows"
         pieces = parts_in_time(f"{path}: {name}", block[:, 0], block[:, 1:])
         parts += [(name, *piece) for piece in pieces]
-    return _build(path, parts, [header[i] for i in joints])
+    return _build(path, parts, [header[i] for i in joints], units)
 
 
-def _read_folder(path: Path) -> Demonstrations:
+def _read_folder(path: Path, units: Convert) -> Demonstrations:
     try:
         files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
     except OSError as error:
@@ -394,7 +400,7 @@ def _read_folder(path: Path) -> Demonstrations:
     items: list[Demonstration] = []
     names: tuple[str, ...] = ()
     for file in files:
-        part = _read_csv(file)
+        part = _read_csv(file, units)
         names = names or part.joint_names
         if part.joint_names != names:
             raise InvalidDemonstrationError(
@@ -408,7 +414,7 @@ def _read_folder(path: Path) -> Demonstrations:
 STATE = "observation.state"
 
 
-def _read_lerobot(path: Path) -> Demonstrations:
+def _read_lerobot(path: Path, units: Convert) -> Demonstrations:
     """The episodes of a LeRobot dataset, of versions 2 (a file each) and 3 (files of several)."""
     try:
         from pyarrow import ArrowException
@@ -441,4 +447,10 @@ def _read_lerobot(path: Path) -> Demonstrations:
         warnings.warn(f"{path}: {listed}: left out, as no joint of an arm", stacklevel=3)
     rows, order = np.delete(rows, gone, axis=1), np.unique(episode)
     parts = [(f"episode {e:.0f}", times[episode == e], rows[episode == e]) for e in order]
-    return _build(path, parts, [name for k, name in enumerate(names) if k not in gone])
+    if units is None:
+        told = f"{path}: states no unit, and LeRobot's arms record degrees or -100 to 100: 'learn "
+        told += "--unit radians', 'degrees', or 'range' with --calibration FILE states it"
+        if np.abs(rows).max(initial=0.0) > _LARGEST:
+            raise InvalidDemonstrationError(told)
+        warnings.warn(f"{told}; read as radians", checks.UnitsWarning, stacklevel=3)
+    return _build(path, parts, [name for k, name in enumerate(names) if k not in gone], units)

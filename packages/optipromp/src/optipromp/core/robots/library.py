@@ -190,12 +190,13 @@ def folders_of(variable: str) -> list[Path]:
     return [Path(part) for part in os.environ.get(variable, "").split(os.pathsep) if part]
 
 
-def built_in_twin(robot: Robot) -> str | None:
-    """The built-in robot whose joints have the names, order, kinds, axes and places of ``robot``'s.
+def built_in_twin(robot: Robot, names: Sequence[str]) -> str | None:
+    """The robot among built-in ``names`` whose joints have the names, order, kinds, axes and places
+    of ``robot``'s.
 
     Names of robots, flanges, tools, limits and bodies are not compared.
     """
-    for name in robot_names():
+    for name in names:
         other = load_robot(name)
         if other.joint_names == robot.joint_names and all(
             mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME_JOINTS)

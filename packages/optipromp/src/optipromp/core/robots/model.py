@@ -63,8 +63,7 @@ class Robot(Shown):
     spheres: BodySpheres
     link_names: tuple[str, ...]
     self_pairs: IntArray  # (P, 2) sphere indices of links that are not neighbours
-    self_slack: FloatArray  # (P,) [m] that a pair may overlap, as its links are still apart;
-    # negative: distance that it must keep, as a sphere leaves some of its link outside
+    self_slack: FloatArray  # (P,) [m] that a pair may overlap; negative: that it must keep apart
     flange_rotation: FloatArray  # (3, 3) in the last segment's frame
     flange_translation: FloatArray  # (3,)
     tool_point: FloatArray  # (3,)
@@ -78,6 +77,7 @@ class Robot(Shown):
     geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
     dynamics: Dynamics | None = None
     arm: Arm = NOT_TOLD
+    told: tuple[str, ...] = ()  # warnings of its description, each after the path
 
     def _words(self) -> str:
         tool = "no tool" if self.tool is None else type(self.tool).__name__

@@ -85,6 +85,7 @@ class _Header:
     left_out: tuple[LeftOut, ...]
     geometry: tuple[_Drawn, ...]
     arm: Arm
+    told: tuple[str, ...] = ()
 
 
 _SHARED = tuple(item.name for item in fields(_Header)[2:] if item.name != "geometry")
@@ -214,7 +215,10 @@ def _check(header: _Header, arrays: dict[str, Any]) -> None:
     for names in (header.joint_names, header.link_names):
         if len(set(names)) < len(names) or not all(map(is_name, names)):
             raise ValueError("names of joints and of links must differ, without control characters")
-    if any(printable(text) != text for text in _texts((header.name, header.left_out, header.arm))):
+    if any(
+        printable(text) != text
+        for text in _texts((header.name, header.left_out, header.arm, header.told))
+    ):
         raise ValueError("a text in it holds control characters")
     turns = np.concatenate([arrays["kinematics rotation"], arrays["flange_rotation"][None]])
     if not np.allclose(turns @ turns.transpose(0, 2, 1), np.eye(3), rtol=0.0, atol=_ROUNDED):

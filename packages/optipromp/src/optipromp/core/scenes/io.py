@@ -292,6 +292,7 @@ def scene_from_dict(
         _tell_twins(objects, source)
         _check_target_key(model, objects)
         _, lateral, vertical = frames["world"].rotation.T
+        _tell_standing(objects, vertical, source)
         usual = {"direction": vertical, "lateral": lateral}
         given = model.goal
         wanted = tuple(
@@ -481,6 +482,15 @@ def _tell_twins(objects: Sequence[SceneObject], source: str) -> None:
                 stacklevel=4,
             )
             return
+
+
+def _tell_standing(objects: Sequence[SceneObject], up: FloatArray, source: str) -> None:
+    """Warn of fruits that stand on their stems while others hang."""
+    rise = {i.id: float(i.stem.vector @ up) / i.radius for i in objects if i.stem is not None}
+    low = [name for name, share in rise.items() if share < -1.0]
+    if low and max(rise.values()) > 1.0:
+        told = f"{source}: {', '.join(low)} would stand, while others hang: is a root too low?"
+        warnings.warn(told, stacklevel=4)
 
 
 def _check_target_key(model: Any, objects: list[SceneObject]) -> None:
