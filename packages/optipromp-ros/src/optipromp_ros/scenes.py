@@ -20,6 +20,8 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import shapes
 from optipromp.core.geometry.grids import check_closed
 from optipromp.core.planning.task import posed
+from optipromp.core.robots.description import LinkGeometry
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import unit_quaternion
 from optipromp.core.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
@@ -66,6 +68,23 @@ def read_quaternion(item: Message) -> FloatArray:
 def read_pose(item: Message) -> Pose:
     """The pose of a ``geometry_msgs/Pose``."""
     return Pose(vector(item.position), read_quaternion(item.orientation))
+
+
+def links_of(robot: Robot) -> dict[str, LinkGeometry]:
+    """The links that a robot's joints place, by name."""
+    return {link.link: link for link in robot.geometry if link.rigid}
+
+
+def place_of(link: LinkGeometry) -> Pose:
+    """The pose of a link on its segment."""
+    return Pose(link.translation, link.rotation)
+
+
+def root_of(robot: Robot) -> str:
+    """The link whose frame is the base frame."""
+    still = [link for link in links_of(robot).values() if link.segment < 0]
+    here = (link.link for link in still if place_of(link).is_identity)
+    return next(here, robot.link_names[0])
 
 
 def geometry(shape: shapes.Shape) -> dict[str, Any]:
@@ -395,7 +414,7 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
         InvalidRobotError: the scene's robot cannot be loaded.
     """
     robot, state = posed(scene)
-    frame = prefix + robot.link_names[0]
+    frame = prefix + root_of(robot)
     adding = [
         collision_object(item, frame, scene.approach if item.role == "target" else None)
         for item in scene.objects

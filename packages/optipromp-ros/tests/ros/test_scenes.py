@@ -428,16 +428,16 @@ def test_a_start_that_is_not_understood_does_not_take_the_objects_along() -> Non
 @pytest.mark.parametrize(
     ("names", "positions", "words"),
     [
-        (["joint1"], [0.0], "joint joint2, joint3, .* is missing; it names joint1"),
+        (["joint1"], [0.0], "no joint states of joint2, joint3, .*, joint7"),
         ([f"joint{k}" for k in range(1, 8)], [0.0], "1 positions for 7 names"),
         ([f"joint{k}" for k in range(1, 8)], [np.nan] * 7, "joint1 is nan: must be finite"),
-        (["joint1", "joint1"], [0.0, 0.0], "joint 'joint1' is named twice"),
+        (["joint1", "joint1"], [0.0, 0.0], "joint1 is named twice"),
         (
             [f"{arm}_joint{k}" for arm in ("left", "right") for k in range(1, 8)],
             np.zeros(14),
             "prefixes left_, right_: must be one arm",
         ),
-        ([], np.zeros(7), "is missing; it names none"),
+        ([], np.zeros(7), "name is empty"),
     ],
 )
 def test_joints_that_are_not_the_robots_are_refused(names, positions, words: str) -> None:

@@ -22,6 +22,10 @@ HERE = 1.0  # [s] in which a controller that runs is found: a choice
 ACCEPTS = 5.0  # [s] in which a controller accepts a goal, or rejects it: a choice
 LATE = 10.0  # [s] after a motion in which its result comes: a choice
 SUCCEEDED = 4  # of action_msgs/GoalStatus
+WAITING = 20
+"""Messages of a topic that wait to be heard, at most, chosen: an arm's states are not pushed out by
+its gripper's while a cycle runs, and 20 of an arm at 1 kHz are 20 ms late."""
+OBJECTS = 1000  # likewise, of a scene, whose messages may come all at once
 
 
 @command(reports=False)
@@ -168,7 +172,7 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
             return
 
         def ready() -> None:
-            world.arm.begins(motion.at(0.0), world.joints, now())
+            world.arm.begins(motion.at(0.0), now())
             publish(found.trajectory)
 
         controller(found.trajectory, motion.duration, ready)
@@ -181,8 +185,8 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     display = _publisher(node, "display_planned_path", "moveit_msgs/msg/DisplayTrajectory")
     status = _publisher(node, "~/status", STATUS)
     controller = _controller(node, execute, lambda words: tell(OK, words)) if execute else None
-    _listen(node, "planning_scene", "moveit_msgs/msg/PlanningScene", heard, lost=lost)
-    _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard, lost=lost)
+    for topic, name in ("planning_scene", "PlanningScene"), ("collision_object", "CollisionObject"):
+        _listen(node, topic, f"moveit_msgs/msg/{name}", heard, OBJECTS, True, lost=lost)
     _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
     node.create_service(
         GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
@@ -263,7 +267,7 @@ def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) ->
     send = _publisher(node, moved, COMMAND)
     status = _publisher(node, "~/status", STATUS)
     _listen(node, asked, COMMAND, heard, 1)  # the newest
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard, 1)
+    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
     _listen(node, detections, DETECTIONS, heard)
     period = filtered.guard.parameters.period
     node.create_timer(period, tick)
@@ -295,14 +299,27 @@ def _listen(
     topic: str,
     name: str,
     take: Callable[["Message", str], None],
-    qos: Any = 10,
+    depth: int = WAITING,
+    reliable: bool = False,
+    kept: bool = False,
     lost: Callable[[str, str], None] | None = None,
 ) -> None:
     """Let ``take`` have the messages of a topic, as they came: rclpy's ``serialize_message`` puts
     bytes of no meaning behind them.
 
-    ``lost``: it hears of each message that cannot be decoded, as another release's.
+    Args:
+        node: of rclpy.
+        topic: its name.
+        name: of its type.
+        take: what gets each message, and the topic.
+        depth: how many of them may wait.
+        reliable: no message may be lost; else senders of both kinds are heard, as drivers' best
+            effort.
+        kept: also what was sent before, as tf2 sends it.
+        lost: it hears of each message that cannot be decoded, as another release's.
     """
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
     from optipromp_ros import from_bytes
 
     warn = _warner(node)
@@ -320,6 +337,11 @@ def _listen(
         except OptiPrompError as error:
             warn(f"{topic}: {error}")
 
+    qos = QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+    )
     node.create_subscription(_kind(name), topic, heard, qos, raw=True)
 
 
@@ -386,9 +408,8 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     """Carry messages between ROS and the loop until the pick has ended and its curve is sent."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
-    from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 
-    from optipromp_ros.images import PICTURES
+    from optipromp_ros.frames import TF
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
     from optipromp_ros.types import STATUS
 
@@ -406,12 +427,10 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     node = rclpy.create_node("optipromp")
     curve = _publisher(node, moved, JOINT_TRAJECTORY)
     status = _publisher(node, "~/status", STATUS)
-    kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
-    _listen(node, "/tf_static", "tf2_msgs/msg/TFMessage", loop.heard, kept)
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard, 1)  # the newest
+    _listen(node, "/tf_static", TF, loop.heard, reliable=True, kept=True)
+    _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard)
     for topic, name in seen.items():
-        qos = qos_profile_sensor_data if name in PICTURES else 10
-        _listen(node, topic, name, loop.heard, qos)
+        _listen(node, topic, name, loop.heard, 5)  # pictures are large
     node.create_timer(loop.controller.parameters.period, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)

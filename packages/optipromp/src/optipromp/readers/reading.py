@@ -28,7 +28,7 @@ from optipromp.readers.packages import expanded, is_xacro, mesh_files, with_mesh
 from optipromp.readers.robot_file import GROWTH, SLIDE, TURN, RobotFile, read_robot_file
 from optipromp.readers.urdf import UrdfModel, check_mimics, read_urdf
 
-_VERSION = 4  # of the readers: raise it when the same files give another robot
+_VERSION = 5  # of the readers: raise it when the same files give another robot
 _HELD = 16  # robots in memory, chosen
 
 Stamps = tuple[tuple[Path, tuple[int, int] | None], ...]

@@ -33,7 +33,10 @@ class LinkShape:
 
 
 class LinkGeometry(NamedTuple):
-    """The geometry of a link, placed on a segment: x_segment = rotation @ x_link + translation."""
+    """A link, and what geometry it has, on a segment: x_segment = rotation @ x_link + translation.
+
+    ``rigid``: whether no joint lies between, which is held here and may stand elsewhere.
+    """
 
     link: str
     segment: int  # -1 for the fixed base
@@ -42,6 +45,7 @@ class LinkGeometry(NamedTuple):
     shapes: tuple[LinkShape, ...]
     urdf: Path
     looks: tuple[LinkShape, ...] = ()  # its visual geometry
+    rigid: bool = True
 
 
 class LeftOut(NamedTuple):

@@ -73,7 +73,8 @@ class Measured:
         kept: float = math.inf, gap: float = GAP, held: float = GAP, what: str = "joint_states",
     ) -> None:  # fmt: skip
         self.joints, self.what = tuple(joints), what
-        self._turns, self._prefix, self._kept = turns, prefix, kept
+        self.prefix = prefix or None  # before the joints' names; None: it is not known yet
+        self._turns, self._stated, self._kept = turns, prefix, kept
         self._gap, self._held = gap, held
         self._columns: dict[str, int] = {}  # of the joints' full names, once the prefix is known
         self._names = dict[str, None]()  # of joints that may be the arm's
@@ -103,10 +104,7 @@ class Measured:
         q = values(names, positions, "positions", self.what)
         known = np.size(velocities) > 0
         velocity = values(names, velocities, "velocities", self.what) if known else np.zeros_like(q)
-        if self._prefix:
-            mine = [k for k, name in enumerate(names) if name in self._columns]
-        else:
-            mine = [k for k, name in enumerate(names) if name.endswith(self.joints)]
+        mine = self.mine(names)
         one = _Heard(float(time), tuple(names[k] for k in mine), q[mine], velocity[mine])
         for k, name in enumerate(one.names):
             told = f"{self.what}: {name} is"
@@ -122,22 +120,28 @@ class Measured:
             self._waiting = [each for each in self._waiting if each.time >= time - self._kept]
             self._waiting.append(one)
         else:
-            lacking = ", ".join(self._prefix + name for name in self.joints)
+            lacking = ", ".join(self._stated + name for name in self.joints)
             raise InvalidRequestError(
                 f"{self.what}: joint {lacking} is missing; it names {', '.join(names) or 'none'}. "
-                "It must name some of them" + ", with one prefix or none" * (not self._prefix)
+                "It must name some of them" + ", with one prefix or none" * (not self._stated)
             )
+
+    def mine(self, names: Sequence[str]) -> list[int]:
+        """The indices of the names that may be of the arm's joints."""
+        if self._stated:
+            return [k for k, name in enumerate(names) if name in self._columns]
+        return [k for k, name in enumerate(names) if name.endswith(self.joints)]
 
     def _find(self, names: Sequence[str]) -> None:
         """Find the prefix of the arm's joints among all names so far."""
         new = [name for name in names if name not in self._names]
-        if self._prefix or (self._columns and not new):
+        if self._stated or (self._columns and not new):
             return
         self._names.update(dict.fromkeys(new))
         found = prefixes(self._names, self.joints)
         if len(found) > 1:
             self.forget()
-            self._columns = {}
+            self._columns, self.prefix = {}, None
             raise InvalidRequestError(
                 f"{self.what}: the joints stand there behind each of the prefixes "
                 f"{', '.join(found)}: must be one arm, or have its prefix named"
@@ -146,7 +150,7 @@ class Measured:
         if columns != self._columns:
             waiting = self._waiting
             self.forget()
-            self._columns = columns
+            self._columns, self.prefix = columns, found[0] if found else None
             for one in waiting:
                 if columns.keys() & set(one.names):
                     self._take(one)
@@ -158,9 +162,9 @@ class Measured:
         rows = [found[column] for column in columns]
         kept = self._drivers.setdefault(columns, deque())
         if self._kept < math.inf and kept and one.time <= kept[-1].time:
-            if one.time >= kept[-1].time - self._gap:
+            if kept[-1].time > one.time >= kept[-1].time - self._gap:
                 return  # a message that was overtaken
-            kept.clear()
+            kept.pop() if one.time == kept[-1].time else kept.clear()
         q = one.q[rows]
         if self._kept < math.inf and kept and self._turns is not None:
             q = self._turns.of_joints(columns).onto(q, kept[-1].q)
@@ -171,6 +175,12 @@ class Measured:
             if self._drivers[other][-1].time < one.time - self._kept:
                 del self._drivers[other]  # that driver is gone
         self._joined = None
+
+    def __copy__(self) -> "Measured":
+        made = object.__new__(Measured)
+        vars(made).update(vars(self), _names=dict(self._names), _waiting=list(self._waiting))
+        made._drivers = {key: kept.copy() for key, kept in self._drivers.items()}
+        return made
 
     def forget(self) -> None:
         """Drop all states so far, as where a clock was set."""
@@ -188,8 +198,9 @@ class Measured:
     @property
     def silent(self) -> str:
         """That there are no joint states, and of which joints where there are of others."""
-        some = f" of {', '.join(self.lacking)}" if len(self.lacking) < len(self.joints) else ""
-        return f"no joint states{some}"
+        named = tuple(name for one in self._waiting for name in one.names)
+        some = [joint for joint in self.lacking if not any(name.endswith(joint) for name in named)]
+        return "no joint states" + f" of {', '.join(some)}" * (len(some) < len(self.joints))
 
     @property
     def newest(self) -> tuple[float, State] | None:
