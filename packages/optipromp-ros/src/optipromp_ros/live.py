@@ -38,7 +38,7 @@ from optipromp_ros.scenes import (
     read_quaternion,
     vector,
 )
-from optipromp_ros.trajectories import NANO, joint_positions, nanoseconds
+from optipromp_ros.trajectories import NANO, joint_motion, nanoseconds
 from optipromp_ros.types import Message, constants
 
 
@@ -181,7 +181,7 @@ class LiveScene:
         state = item.robot_state.joint_state
         if state.name or len(state.position):
             try:
-                q = joint_positions(state, self.joints, _START, self.prefix)
+                q = joint_motion(state, self.joints, _START, self.prefix).q
                 world = world.at(q)
             except InvalidRequestError as error:
                 world = world.marked(_START, error.message)

@@ -325,12 +325,13 @@ def answer(
         factory(planner, "planner_id")  # refuses an unknown name
         stated, state = request.start_state.joint_state, None
         if stated.name or len(stated.position):
-            joints = [prefix + name for name in world.joints]
-            state = trajectories.joint_motion(stated, joints, "start_state.joint_state")
+            what = "start_state.joint_state"
+            state = trajectories.joint_motion(stated, world.joints, what, prefix)
+            world = world.at(state.q)
+        goals = live.read_goal(request.goal_constraints, world)
         if state is None:
             state = _measured(world, now)
-        world = world.at(state.q)
-        goals = live.read_goal(request.goal_constraints, world)
+            world = world.at(state.q)
         scene = world.scene(goals)
         made = plan(
             scene,

@@ -198,9 +198,15 @@ class Measured:
     @property
     def silent(self) -> str:
         """That there are no joint states, and of which joints where there are of others."""
-        named = tuple(name for one in self._waiting for name in one.names)
-        some = [joint for joint in self.lacking if not any(name.endswith(joint) for name in named)]
+        some = self._missing
         return "no joint states" + f" of {', '.join(some)}" * (len(some) < len(self.joints))
+
+    @property
+    def _missing(self) -> tuple[str, ...]:
+        """The lacking joints that nobody named, behind any prefix; all of them if there is none."""
+        named = tuple(name for one in self._waiting for name in one.names)
+        lacking = self.lacking
+        return tuple(j for j in lacking if not any(n.endswith(j) for n in named)) or lacking
 
     @property
     def newest(self) -> tuple[float, State] | None:
@@ -279,9 +285,9 @@ class Measured:
         Raises:
             InvalidRequestError: a joint was never heard; drivers with two clocks.
         """
-        if lacking := self.lacking:
+        if self.lacking:
             raise InvalidRequestError(
-                f"{self.what}: joint {', '.join(lacking)} is missing; it names "
+                f"{self.what}: joint {', '.join(self._missing)} is missing; it names "
                 f"{', '.join(self._names) or 'none'}. It must name {', '.join(self.joints)}, with "
                 "one prefix for all or none"
             )
