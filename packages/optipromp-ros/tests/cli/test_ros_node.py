@@ -91,9 +91,11 @@ class Node:
 
     def create_subscription(
         self, kind: Any, topic: str, callback: Any, qos: Any, *, raw: bool
-    ) -> None:
+    ) -> Any:
         assert raw, "rclpy's serialize_message gives other bytes than those that came"
         self.heard[topic] = (kind, callback)
+        handle = SimpleNamespace(take_message=lambda kind, raw: None)
+        return SimpleNamespace(msg_type=kind, handle=handle)
 
     def create_publisher(self, kind: Any, topic: str, qos: int) -> Any:
         def publish(data: bytes) -> None:
