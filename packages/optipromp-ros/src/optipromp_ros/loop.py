@@ -147,7 +147,7 @@ class PickLoop:
             self._arm.forget()
             self._set = f"the clock was set {'back' if by < 0.0 else 'forward'} by {abs(by):.3f} s"
         newest = self._arm.newest
-        age = self._arm.age(time)
+        age = math.inf if newest is None else time - newest[0]
         fresh = newest is not None and abs(age) <= p.state_age
         if self._set and newest and fresh and (self._line is None or self._line.ended(time)):
             self.controller.begin_anew(time, newest[1])

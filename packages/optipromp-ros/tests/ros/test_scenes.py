@@ -420,7 +420,7 @@ def test_a_start_that_is_not_understood_does_not_take_the_objects_along() -> Non
     world = LiveScene.of(load_scene("scenario-4"))
     lost = world.heard(scene_message(by_hand("pole"), robot_state=robot_state, is_diff=True))
     assert "pole" in lost.held
-    with pytest.raises(InvalidSceneError, match=r"robot_state.joint_state: joint joint2"):
+    with pytest.raises(InvalidSceneError, match=r"joint joint1, .* it names joint1"):
         lost.scene()
     assert not lost.at(world.scene().start).unknown
 
@@ -428,7 +428,7 @@ def test_a_start_that_is_not_understood_does_not_take_the_objects_along() -> Non
 @pytest.mark.parametrize(
     ("names", "positions", "words"),
     [
-        (["joint1"], [0.0], "no joint states of joint2, joint3, .*, joint7"),
+        (["joint1"], [0.0], "no joint states"),
         ([f"joint{k}" for k in range(1, 8)], [0.0], "1 positions for 7 names"),
         ([f"joint{k}" for k in range(1, 8)], [np.nan] * 7, "joint1 is nan: must be finite"),
         (["joint1", "joint1"], [0.0, 0.0], "joint1 is named twice"),

@@ -229,15 +229,14 @@ class Placement(NamedTuple):
     """The place of a link on its segment: x_segment = rotation @ x_link + translation.
 
     ``segment`` is -1 for the fixed base. ``driver`` names the off-chain joint, driven by a joint of
-    the chain, that moves the link relative to its segment. ``rigid``: whether neither such a joint
-    nor a branch's, which is held, lies between.
+    the chain, that moves the link relative to its segment; empty for a link carried rigidly.
     """
 
     segment: int
     rotation: FloatArray
     translation: FloatArray
     driver: str = ""
-    rigid: bool = True
+    rigid: bool = True  # neither such a joint nor one of a branch, which is held, lies between
 
 
 @dataclass(frozen=True)

@@ -33,10 +33,7 @@ class LinkShape:
 
 
 class LinkGeometry(NamedTuple):
-    """A link, and what geometry it has, on a segment: x_segment = rotation @ x_link + translation.
-
-    ``rigid``: whether no joint lies between, which is held here and may stand elsewhere.
-    """
+    """A link, and its geometry, on a segment: x_segment = rotation @ x_link + translation."""
 
     link: str
     segment: int  # -1 for the fixed base
@@ -45,7 +42,7 @@ class LinkGeometry(NamedTuple):
     shapes: tuple[LinkShape, ...]
     urdf: Path
     looks: tuple[LinkShape, ...] = ()  # its visual geometry
-    rigid: bool = True
+    rigid: bool = True  # no joint lies between that is held here, and may stand elsewhere
 
 
 class LeftOut(NamedTuple):

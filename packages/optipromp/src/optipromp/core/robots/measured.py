@@ -76,13 +76,12 @@ class Measured:
         self.prefix = prefix or None  # before the joints' names; None: it is not known yet
         self._turns, self._stated, self._kept = turns, prefix, kept
         self._gap, self._held = gap, held
-        self._columns: dict[str, int] = {}  # of the joints' full names, once the prefix is known
+        # of the joints' full names, once the prefix is known
+        self._columns = {prefix + name: k for k, name in enumerate(self.joints)} if prefix else {}
         self._names = dict[str, None]()  # of joints that may be the arm's
         self._waiting: list[_Heard] = []  # until all joints were heard
         self._drivers: dict[tuple[int, ...], deque[_Heard]] = {}  # by the joints that they send
         self._joined: list[Series] | None = None
-        if prefix:
-            self._columns = {prefix + name: k for k, name in enumerate(self.joints)}
 
     # -- what is heard
 
@@ -198,15 +197,8 @@ class Measured:
     @property
     def silent(self) -> str:
         """That there are no joint states, and of which joints where there are of others."""
-        some = self._missing
-        return "no joint states" + f" of {', '.join(some)}" * (len(some) < len(self.joints))
-
-    @property
-    def _missing(self) -> tuple[str, ...]:
-        """The lacking joints that nobody named, behind any prefix; all of them if there is none."""
-        named = tuple(name for one in self._waiting for name in one.names)
-        lacking = self.lacking
-        return tuple(j for j in lacking if not any(n.endswith(j) for n in named)) or lacking
+        some = f" of {', '.join(self.lacking)}" if len(self.lacking) < len(self.joints) else ""
+        return f"no joint states{some}"
 
     @property
     def newest(self) -> tuple[float, State] | None:
@@ -227,11 +219,6 @@ class Measured:
             at = Series(np.array([one.time for one in near]), around).at(np.array([time]))
             q[mine], velocity[mine] = at[0], rows[-1].velocity
         return time, State(q) if np.abs(velocity).max() < AT_REST else State(q, velocity)
-
-    def age(self, time: float) -> float:
-        """How old the newest state of all joints is at a ``time`` [s]; infinite: there is none."""
-        newest = self.newest
-        return math.inf if newest is None else time - newest[0]
 
     def at(self, time: float) -> FloatArray:
         """(n,) where the arm was at a ``time`` [s], linear between joint states.
@@ -267,15 +254,13 @@ class Measured:
                 f"where the arm was is unknown: no joint states came for {step:.3f} s around then, "
                 f"must be {self._gap:g} s at most"
             )
-        if max(float(np.abs(self._apart(other, q)).max()) for _, other in found) > _SAME:
+        apart = np.subtract if self._turns is None else self._turns.apart
+        if max(float(np.abs(apart(other, q)).max()) for _, other in found) > _SAME:
             raise InvalidRequestError(
                 f"where the arm was is unknown: the clock of {self.what} was set back, and the arm "
                 "was elsewhere at each of both times: record anew, with one clock"
             )
         return q
-
-    def _apart(self, q: FloatArray, other: FloatArray) -> FloatArray:
-        return np.asarray(q - other if self._turns is None else self._turns.apart(q, other))
 
     def series(self) -> list[Series]:
         """The positions (m, n) over time, between the times at which the clock was set.
@@ -285,9 +270,9 @@ class Measured:
         Raises:
             InvalidRequestError: a joint was never heard; drivers with two clocks.
         """
-        if self.lacking:
+        if lacking := self.lacking:
             raise InvalidRequestError(
-                f"{self.what}: joint {', '.join(self._missing)} is missing; it names "
+                f"{self.what}: joint {', '.join(lacking)} is missing; it names "
                 f"{', '.join(self._names) or 'none'}. It must name {', '.join(self.joints)}, with "
                 "one prefix for all or none"
             )
