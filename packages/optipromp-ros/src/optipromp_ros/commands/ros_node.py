@@ -259,6 +259,7 @@ def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) ->
         filtered.heard(item, node.get_clock().now().nanoseconds)
 
     def tick() -> None:
+        states()
         send(filtered.tick(node.get_clock().now().nanoseconds))
         status(filtered.status())
 
@@ -267,7 +268,7 @@ def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) ->
     send = _publisher(node, moved, COMMAND)
     status = _publisher(node, "~/status", STATUS)
     _listen(node, asked, COMMAND, heard, 1)  # the newest
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
+    states = _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
     _listen(node, detections, DETECTIONS, heard)
     period = filtered.guard.parameters.period
     node.create_timer(period, tick)
@@ -303,9 +304,11 @@ def _listen(
     reliable: bool = False,
     kept: bool = False,
     lost: Callable[[str, str], None] | None = None,
-) -> None:
+) -> Callable[[], None]:
     """Let ``take`` have the messages of a topic, as they came: rclpy's ``serialize_message`` puts
     bytes of no meaning behind them.
+
+    Returns what has it take all that wait: an executor takes one of a topic between two cycles.
 
     Args:
         node: of rclpy.
@@ -343,15 +346,18 @@ def _listen(
         durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
     )
 
-    def waiting(data: bytes) -> None:
-        """All at once: an executor takes one message of a topic between two cycles."""
+    def hear(data: bytes) -> None:
         heard(data)
+        waiting()
+
+    def waiting() -> None:
         for _ in range(depth):
             if (taken := made.handle.take_message(made.msg_type, True)) is None:
                 return
             heard(taken[0])
 
-    made = node.create_subscription(_kind(name), topic, waiting, qos, raw=True)
+    made = node.create_subscription(_kind(name), topic, hear, qos, raw=True)
+    return waiting
 
 
 def _warner(node: Any) -> Callable[[str], None]:
@@ -423,6 +429,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     from optipromp_ros.types import STATUS
 
     def tick() -> None:
+        states()
         clock = node.get_clock()
         steady = None if clock.ros_time_is_active else monotonic_ns()  # a simulation's may be slow
         made = loop.tick(clock.now().nanoseconds, steady)
@@ -437,7 +444,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     curve = _publisher(node, moved, JOINT_TRAJECTORY)
     status = _publisher(node, "~/status", STATUS)
     _listen(node, "/tf_static", TF, loop.heard, reliable=True, kept=True)
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard)
+    states = _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard)
     for topic, name in seen.items():
         _listen(node, topic, name, loop.heard, 5)  # pictures are large
     node.create_timer(loop.controller.parameters.period, tick)
