@@ -221,8 +221,7 @@ class LiveScene:
                 held.pop(item.id, None)  # of another shape: a motion does not mend it
             elif item.id in self.unknown and item.id not in held:
                 return self
-            told = f"collision object {item.id!r}: "
-            why = told + error.message.removeprefix(told)
+            why = f"collision object {item.id!r}: {error.message}"
             return replace(self.marked(item.id, why), held=held)
         return replace(self.marked(item.id, ""), held=held, stated=stated)
 

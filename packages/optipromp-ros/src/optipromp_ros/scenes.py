@@ -284,7 +284,10 @@ def read_collision_object(item: Message) -> tuple[SceneObject, ...]:
     Raises:
         InvalidSceneError: a wrong value; the message names object, field and valid values.
     """
-    return read_held(item).items
+    try:
+        return read_held(item).items
+    except InvalidSceneError as error:
+        raise InvalidSceneError(f"collision object {item.id!r}: {error.message}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -307,14 +310,11 @@ class Held:
 
 
 def read_held(item: Message) -> Held:
-    """As :func:`read_collision_object`, with the pose of the message and the approach."""
-    try:
-        return _read_held(item)
-    except InvalidSceneError as error:
-        raise InvalidSceneError(f"collision object {item.id!r}: {error.message}") from None
+    """As :func:`read_collision_object`, with the pose of the message and the approach.
 
-
-def _read_held(item: Message) -> Held:
+    Raises:
+        InvalidSceneError: a wrong value; the message names field and valid values.
+    """
     role: Role = next((each for each in ROLES if item.id.startswith(f"{each}/")), "static")
     name = item.id.removeprefix(f"{role}/")
     here = read_pose(item.pose)

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from scipy.interpolate import CubicHermiteSpline
 from tests.ros.camera_messages import sent
 
@@ -198,18 +196,3 @@ def test_the_one_trajectory_of_a_bag(tmp_path: Path) -> None:
     write_bag(tmp_path / "none.mcap", [Recorded("/text", message("std_msgs/msg/String"))])
     with pytest.raises(InvalidRequestError, match="has no trajectory: must have a message of type"):
         read_trajectory(tmp_path / "none.mcap")
-
-
-def test_another_reader_reads_the_same_numbers(tmp_path: Path) -> None:
-    trajectory = moving()
-    write_bag(tmp_path / "bag.mcap", [Recorded("/plan", robot_trajectory(trajectory))])
-    with (tmp_path / "bag.mcap").open("rb") as stream:
-        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        ((_, _, _, decoded),) = reader.iter_decoded_messages()
-    item = decoded.joint_trajectory
-    assert tuple(item.joint_names) == NAMES
-    times = [p.time_from_start.sec + 1e-9 * p.time_from_start.nanosec for p in item.points]
-    np.testing.assert_allclose(times, trajectory.times, atol=1e-9)
-    for what in ("positions", "velocities", "accelerations"):
-        there = np.array([list(getattr(point, what)) for point in item.points])
-        np.testing.assert_allclose(there, getattr(trajectory, what), atol=1e-9)

@@ -22,10 +22,21 @@ for package in ("moveit_msgs", "control_msgs", "tf2_msgs", "vision_msgs"):
 
 from control_msgs.action import FollowJointTrajectory  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
-from moveit_msgs.msg import CollisionObject, DisplayTrajectory, PlanningScene  # noqa: E402
+from geometry_msgs.msg import Pose as PoseMessage  # noqa: E402
+from moveit_msgs.msg import (  # noqa: E402
+    CollisionObject,
+    Constraints,
+    DisplayTrajectory,
+    JointConstraint,
+    MotionPlanRequest,
+    OrientationConstraint,
+    PlanningScene,
+    PositionConstraint,
+    RobotState,
+)
 from moveit_msgs.srv import GetMotionPlan  # noqa: E402
 from rclpy.action import ActionServer, GoalResponse  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -34,9 +45,13 @@ from tests.ros.camera_messages import FRAME, compressed, frames, image, info  # 
 from tf2_msgs.msg import TFMessage  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 
-from optipromp.core.scenes import load_scene  # noqa: E402
+from optipromp.core.planning.task import posed  # noqa: E402
+from optipromp.core.scenes import Pose, load_scene  # noqa: E402
+from optipromp.core.scenes.hand import tool_frame  # noqa: E402
 from optipromp.core.scenes.io import save_scene  # noqa: E402
 from optipromp_ros import planning_scene, to_bytes  # noqa: E402
+from optipromp_ros.frames import known_frames  # noqa: E402
+from optipromp_ros.scenes import pose_message  # noqa: E402
 from optipromp_ros.trajectories import time_message  # noqa: E402
 from optipromp_sim.generate import generate  # noqa: E402
 
@@ -114,9 +129,74 @@ def state(node: Any, q: Any = SCENE.start) -> JointState:
     return made
 
 
+def joints(q: Any, names: Any = NAMES) -> Any:
+    """A goal of ``moveit_msgs/Constraints``: a configuration, or some joints of one."""
+    pairs = zip(names, map(float, q), strict=True)
+    return Constraints(
+        joint_constraints=[JointConstraint(joint_name=n, position=x) for n, x in pairs]
+    )
+
+
+def place(pose: Pose, link: str = "tool", frame: str = "fr3_link0", alone: bool = False) -> Any:
+    """One of a position, and of an orientation unless it is ``alone``."""
+    at = PositionConstraint(link_name=link)
+    at.header.frame_id = frame
+    where = real(pose_message(pose), PoseMessage)
+    at.constraint_region.primitive_poses = [where]
+    turn = OrientationConstraint(link_name=link, header=at.header, orientation=where.orientation)
+    return Constraints(position_constraints=[at], orientation_constraints=[] if alone else [turn])
+
+
+ROBOT, START = posed(SCENE)
+THERE = np.array(START.q) + [0.2, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+TOOL, FAR = tool_frame(ROBOT, THERE), Pose([3.0, 0.0, 0.0])
+HERE = known_frames(ROBOT, q=START.q)
+LEFT = [f"left_joint{k}" for k in range(1, 8)]
+
+
+def requests() -> dict[str, tuple[dict[str, Any], str]]:
+    """Of each kind: its fields, and what the answer begins with or says."""
+    unturned = place(TOOL)
+    unturned.orientation_constraints[0].orientation.w = 9.0
+    goals = {
+        "a configuration": (joints(THERE), "success"),
+        "some joints": (joints(THERE[:2], NAMES[:2]), "success"),
+        "a position alone": (place(TOOL, alone=True), "success"),
+        "a pose": (place(TOOL), "success"),
+        "a pose of the flange": (place(HERE["flange"], "fr3_flange"), "success"),
+        "a pose of the last link in its frame": (place(Pose(), *["fr3_link7"] * 2), "success"),
+        "out of reach": (place(FAR), "GOAL_UNREACHABLE"),
+        "beyond a limit": (joints([9.0], NAMES[:1]), "outside its limits"),
+        "no number": (joints([np.nan], NAMES[:1]), "must be finite"),
+        "no turn": (unturned, "unit quaternion"),
+        "a link that is none": (place(TOOL, "hand"), "link_name is 'hand'"),
+        "a frame that is none": (place(TOOL, frame="map"), "frame_id is 'map'"),
+    }
+    begins = {
+        "elsewhere": (JointState(name=NAMES, position=THERE), "not executed: the plan begins 0.2"),
+        "another arm": (JointState(name=LEFT, position=THERE), "joint fr3_joint1, "),
+        "half an arm": (JointState(name=NAMES[:3], position=[0.0] * 3), "joint fr3_joint4, "),
+    }
+    return {
+        "the target": ({}, "success"),
+        "alternatives": ({"goal_constraints": [place(FAR), joints(THERE)]}, "success"),
+        "another planner": ({"planner_id": "RRT"}, "planner_id is 'RRT'"),
+        "no time": ({"allowed_planning_time": np.nan}, "allowed_planning_time is nan"),
+        "too fast": ({"max_velocity_scaling_factor": 2.0}, "max_velocity_scaling_factor is 2"),
+        **{kind: ({"goal_constraints": [one]}, words) for kind, (one, words) in goals.items()},
+        **{
+            kind: ({"start_state": RobotState(joint_state=one)}, words)
+            for kind, (one, words) in begins.items()
+        },
+    }
+
+
 def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any) -> None:
-    """A planning scene, an object and the arm in; a plan out, which an action server executes."""
-    begin, executed, shown, said = SCENE.start + 0.01, [], [], []
+    """A planning scene, an object and the arm in; an answer to each kind of request out.
+
+    The arm speaks best effort, beside its gripper and another arm. An action server executes.
+    """
+    executed, shown, said = [], [], []
 
     def execute(goal: Any) -> Any:
         executed.append(goal.request.trajectory)
@@ -125,15 +205,14 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
 
     server = ActionServer(node, FollowJointTrajectory, "/arm/follow_joint_trajectory", execute)
     node.create_subscription(DisplayTrajectory, "display_planned_path", shown.append, 10)
-    node.create_subscription(DiagnosticStatus, "/optipromp/status", said.append, 10)
+    node.create_subscription(DiagnosticStatus, "/optipromp/status", said.append, 100)
     scenes = node.create_publisher(PlanningScene, "planning_scene", 10)
     objects = node.create_publisher(CollisionObject, "collision_object", 10)
-    states = node.create_publisher(JointState, "joint_states", 10)
+    states = node.create_publisher(JointState, "joint_states", qos_profile_sensor_data)
     client = node.create_client(GetMotionPlan, "/optipromp/plan")
     call = ["-m", "optipromp", "ros-node", "scenario-4", "--prefix", "fr3_"]
     start(*call, "--execute", "/arm/follow_joint_trajectory")
-    whole = planning_scene(SCENE, "fr3_")
-    scene = real(whole, PlanningScene)
+    scene = real(planning_scene(SCENE, "fr3_"), PlanningScene)
     apart = scene.world.collision_objects.pop()  # comes by itself
     until(node, client.service_is_ready)
     until(node, lambda: min(p.get_subscription_count() for p in (scenes, objects, states)) > 0)
@@ -141,39 +220,53 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
     end = time.monotonic() + 1.0
     until(node, lambda: time.monotonic() > end)
     objects.publish(apart)
-    asked = GetMotionPlan.Request()
-    asked.motion_plan_request.group_name = "arm"
-    answer = client.call_async(asked)
-    until(node, answer.done)
-    refused = answer.result().motion_plan_response.error_code
-    assert "no joint states were heard" in refused.message
-    standing = {"each": lambda: states.publish(state(node, begin))}
+
+    def speak() -> None:
+        for names, q in ((NAMES, START.q), (LEFT, THERE), (["fr3_finger_joint1"], [0.04])):
+            item = JointState(name=names, position=list(map(float, q)), velocity=[0.0] * len(q))
+            item.header.stamp = node.get_clock().now().to_msg()
+            states.publish(item)
+
+    def asked(each: Any = None, **fields: Any) -> Any:
+        made = GetMotionPlan.Request()
+        made.motion_plan_request = MotionPlanRequest(group_name="arm", **fields)
+        answer = client.call_async(made)
+        until(node, answer.done, each=each)
+        return answer.result().motion_plan_response
+
+    assert "no joint states were heard" in asked().error_code.message
     end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, **standing)
-    answer = client.call_async(asked)
-    until(node, lambda: answer.done() and executed and shown, **standing)
-    found = answer.result().motion_plan_response
-    assert found.error_code.val == 1, found.error_code.message
-    assert found.error_code.message.endswith("; /arm/follow_joint_trajectory executed it")
-    until(node, lambda: said and said[-1].message == found.error_code.message)
+    until(node, lambda: time.monotonic() > end, each=speak)
+    for kind, (fields, words) in requests().items():
+        found = asked(speak, **fields)
+        told = found.error_code.message
+        assert told.startswith(words) or (words != "success" and words in told), (kind, told)
+        assert (found.error_code.val == 1) == (words == "success"), (kind, told)
+        until(node, lambda told=told: said and said[-1].message == told, each=speak)
+        if words != "success":
+            assert not found.trajectory.joint_trajectory.points
+            continue
+        assert told.endswith("; /arm/follow_joint_trajectory executed it")
+        motion = executed.pop()
+        assert motion == found.trajectory.joint_trajectory
+        assert (found.group_name, list(motion.joint_names)) == ("arm", NAMES)
+        np.testing.assert_allclose(motion.points[0].positions, START.q, atol=1e-9)
+        end_at = np.array(motion.points[-1].positions)
+        if "joints" in kind or kind in ("a configuration", "alternatives"):
+            np.testing.assert_allclose(end_at, THERE, atol=1e-3)
+        elif "pose of the" in kind:
+            np.testing.assert_allclose(end_at, START.q, atol=0.05)
+        elif kind != "the target":
+            off = tool_frame(ROBOT, end_at).position - TOOL.position
+            assert np.linalg.norm(off) < 2e-3, kind
     assert "/arm/follow_joint_trajectory accepted the plan" in {item.message for item in said}
-    assert found.group_name == "arm"
-    (motion,) = executed
-    assert list(motion.joint_names) == NAMES
-    np.testing.assert_allclose(motion.points[0].positions, begin, atol=1e-9)
-    assert motion == found.trajectory.joint_trajectory
+    assert not executed
     assert len(shown[0].trajectory) == 1
-    asked.motion_plan_request.planner_id = "RRT"
-    answer = client.call_async(asked)
-    until(node, answer.done)
-    assert "planner_id is 'RRT'" in answer.result().motion_plan_response.error_code.message
     server.destroy()
 
 
 @pytest.mark.parametrize("server", ["absent", "rejects", "aborts"])
 def test_what_a_controller_does_with_a_plan_is_told(node: Any, start: Any, server: str) -> None:
-    """An obstacle in an unknown frame comes before, while a gripper speaks on the same topic."""
-
     def abort(goal: Any) -> Any:
         goal.abort()
         return FollowJointTrajectory.Result(error_code=-4, error_string="too far")
@@ -185,33 +278,17 @@ def test_what_a_controller_does_with_a_plan_is_told(node: Any, start: Any, serve
     if server != "absent":
         made = ActionServer(node, FollowJointTrajectory, name, abort, goal_callback=accept)
     states = node.create_publisher(JointState, "joint_states", 10)
-    objects = node.create_publisher(CollisionObject, "collision_object", 10)
     client = node.create_client(GetMotionPlan, "/optipromp/plan")
     start("-m", "optipromp", "ros-node", "scenario-3", "--prefix", "fr3_", "--execute", name)
     until(node, client.service_is_ready)
-    until(node, lambda: min(p.get_subscription_count() for p in (states, objects)) > 0)
-
-    def speak() -> None:
-        states.publish(state(node))
-        states.publish(JointState(name=["fr3_finger_joint1"], position=[0.04]))
-
-    def asked() -> str:
-        answer = client.call_async(GetMotionPlan.Request())
-        until(node, answer.done, each=speak)
-        return str(answer.result().motion_plan_response.error_code.message)
-
-    crate = CollisionObject(id="crate")
-    crate.header.frame_id = "camera"
-    objects.publish(crate)
+    until(node, lambda: states.get_subscription_count() > 0)
+    speak = {"each": lambda: states.publish(state(node))}
     end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, each=speak)
-    assert asked().startswith("INVALID_SCENE: not understood: collision object 'crate'")
-    crate.operation = CollisionObject.REMOVE
-    objects.publish(crate)
-    end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, each=speak)
+    until(node, lambda: time.monotonic() > end, **speak)
+    answer = client.call_async(GetMotionPlan.Request())
+    until(node, answer.done, **speak)
+    told = str(answer.result().motion_plan_response.error_code.message)
     words = {"absent": "no controller has", "rejects": "rejected the plan", "aborts": "too far"}
-    told = asked()
     assert told.startswith("EXECUTION_FAILED"), told
     assert words[server] in told
     if server != "absent":

@@ -6,7 +6,7 @@ Recordings, pictures, the closed loop and the guard read an arm's state here, by
 import math
 import warnings
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -119,11 +119,7 @@ class Measured:
             self._waiting = [each for each in self._waiting if each.time >= time - self._kept]
             self._waiting.append(one)
         else:
-            lacking = ", ".join(self._stated + name for name in self.joints)
-            raise InvalidRequestError(
-                f"{self.what}: joint {lacking} is missing; it names {', '.join(names) or 'none'}. "
-                "It must name some of them" + ", with one prefix or none" * (not self._stated)
-            )
+            raise self._lacks(self.joints, names)
 
     def mine(self, names: Sequence[str]) -> list[int]:
         """The indices of the names that may be of the arm's joints."""
@@ -131,12 +127,19 @@ class Measured:
             return [k for k, name in enumerate(names) if name in self._columns]
         return [k for k, name in enumerate(names) if name.endswith(self.joints)]
 
+    def _lacks(self, joints: Sequence[str], names: Collection[str]) -> InvalidRequestError:
+        told = ", ".join(self._stated + name for name in joints)
+        return InvalidRequestError(
+            f"{self.what}: joint {told} is missing; it names {', '.join(names) or 'none'}"
+            + ". One prefix may stand before all of an arm" * (not self._stated)
+        )
+
     def _find(self, names: Sequence[str]) -> None:
         """Find the prefix of the arm's joints among all names so far."""
         new = [name for name in names if name not in self._names]
+        self._names.update(dict.fromkeys(new))
         if self._stated or (self._columns and not new):
             return
-        self._names.update(dict.fromkeys(new))
         found = prefixes(self._names, self.joints)
         if len(found) > 1:
             self.forget()
@@ -271,11 +274,7 @@ class Measured:
             InvalidRequestError: a joint was never heard; drivers with two clocks.
         """
         if lacking := self.lacking:
-            raise InvalidRequestError(
-                f"{self.what}: joint {', '.join(lacking)} is missing; it names "
-                f"{', '.join(self._names) or 'none'}. It must name {', '.join(self.joints)}, with "
-                "one prefix for all or none"
-            )
+            raise self._lacks(lacking, self._names)
         if self._joined is None:
             self._joined = self._join()
         return self._joined
