@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.robots.measured import GAP
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.hand import tool_frame
@@ -95,29 +95,30 @@ class Frames:
     """
 
     def __init__(self) -> None:
+        self.names = set[str]()  # of all that were told, and of their parents
         self._still: dict[str, tuple[str, Pose]] = {}  # of frames that do not move
-        self._moving: dict[
-            str, list[list[_Told]]
-        ] = {}  # parts, at each end of which a clock was set
-
-    @property
-    def names(self) -> set[str]:
-        """All frames that were told, and their parents."""
-        still = {name for child, (up, _) in self._still.items() for name in (child, up)}
-        parts = [(child, part) for child, all_ in self._moving.items() for part in all_]
-        return still.union(*({child, *(one.up for one in part)} for child, part in parts))
+        # parts, between which a clock was set
+        self._moving: dict[str, list[list[_Told]]] = {}
 
     def heard(self, item: Message, still: bool) -> None:
-        """Take a ``TFMessage`` in; ``still``: of frames that do not move (``/tf_static``)."""
+        """Take a ``TFMessage`` in; ``still``: of frames that do not move (``/tf_static``).
+
+        Raises:
+            InvalidSceneError: a wrong value; the message names the frame.
+        """
         for one in item.transforms:
             name, up = one.child_frame_id.lstrip("/"), one.header.frame_id.lstrip("/")
-            pose = Pose(vector(one.transform.translation), read_quaternion(one.transform.rotation))
+            to, stamp = one.transform, nanoseconds(one.header.stamp)
+            try:
+                told = _Told(stamp, up, Pose(vector(to.translation), read_quaternion(to.rotation)))
+            except InvalidSceneError as error:
+                raise InvalidSceneError(f"frame {name!r}: {error.message}") from None
+            self.names |= {name, up}
             if still:
-                self._still[name] = up, pose
+                self._still[name] = told[1:]
                 continue
-            told = _Told(nanoseconds(one.header.stamp), up, pose)
             parts = self._moving.setdefault(name, [[]])
-            if parts[-1] and told.stamp < parts[-1][-1].stamp - HELD:
+            if parts[-1] and stamp < parts[-1][-1].stamp - HELD:
                 parts.append([])
             bisect.insort_right(parts[-1], told, key=_stamp)
 

@@ -94,11 +94,6 @@ class LiveScene:
         held = {object_id(o): Held(Pose(o.position, o.orientation), (o,)) for o in scene.objects}
         return cls(vars(scene), robot, ArmState.of(robot, prefix), held, prefix)
 
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The robot's joints, n names."""
-        return self.robot.joint_names
-
     def scene(self, goal: tuple[Goal, ...] | None = None) -> Scene:
         """The scene.
 
@@ -181,7 +176,7 @@ class LiveScene:
         state = item.robot_state.joint_state
         if state.name or len(state.position):
             try:
-                q = joint_motion(state, self.joints, _START, self.prefix).q
+                q = joint_motion(state, self.robot.joint_names, _START, self.prefix).q
                 world = world.at(q)
             except InvalidRequestError as error:
                 world = world.marked(_START, error.message)
@@ -296,7 +291,10 @@ def _goal(k: int, goal: Message, world: LiveScene) -> Goal:
 
 
 def _joint_goal(joints: Sequence[Message], world: LiveScene) -> JointGoal:
-    own, names = [world.prefix + name for name in world.joints], [one.joint_name for one in joints]
+    own, names = (
+        [world.prefix + name for name in world.robot.joint_names],
+        [one.joint_name for one in joints],
+    )
     wanted, start = np.array([one.position for one in joints]), world.stated.get("start")
     if set(names) < set(own) and len(set(names)) == len(names) and start is not None:
         q = np.array(start, dtype=np.float64)

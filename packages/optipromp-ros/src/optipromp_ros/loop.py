@@ -326,7 +326,7 @@ def answer(
         stated, state = request.start_state.joint_state, None
         if stated.name or len(stated.position):
             what = "start_state.joint_state"
-            state = trajectories.joint_motion(stated, world.joints, what, prefix)
+            state = trajectories.joint_motion(stated, world.robot.joint_names, what, prefix)
             world = world.at(state.q)
         goals = live.read_goal(request.goal_constraints, world)
         if state is None:

@@ -21,15 +21,7 @@ STATIC = "tf_static"  # end of the topic of frames that do not move
 
 
 class CameraPlace:
-    """Where the camera of a bag was.
-
-    Args:
-        path: of the bag.
-        scene: whose robot is in it.
-        camera: whose pose, in the base or on the hand, is taken in place of frames.
-        prefix: as for :func:`optipromp_ros.bag_pictures`.
-        topics: to read; those of joint states if one of them is of these.
-    """
+    """Where the camera of a bag was; arguments are those of :func:`optipromp_ros.bag_pictures`."""
 
     def __init__(
         self, path: str | os.PathLike[str], scene: Scene, camera: CameraModel | None, prefix: str,

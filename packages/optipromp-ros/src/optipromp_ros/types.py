@@ -262,9 +262,7 @@ def _as_recorded(reader: Any, chosen: list[Connection]) -> Iterable[tuple[Connec
     Bags whose messages are compressed one by one come as rosbags sorts them.
     """
     storages = getattr(reader.storage, "storages", [reader.storage])
-    if reader.compression_mode == "message" or not all(
-        hasattr(each, "messages_scan") or getattr(each, "dbconn", None) for each in storages
-    ):
+    if reader.compression_mode == "message":
         yield from reader.messages(chosen)
         return
     wanted = {(each.topic, each.msgtype): each for each in chosen}

@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.ros.camera_messages import frames
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.robots import load_robot
 from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
@@ -41,6 +41,13 @@ def test_frames_that_move_are_between_their_times() -> None:
     ):  # fmt: skip
         with pytest.raises(InvalidRequestError, match=why):
             made.find(name, BASE, 500 * MS)
+
+
+def test_a_frame_whose_turn_is_none_is_named() -> None:
+    bad = frames(0, ("base", "eye", Pose()))
+    bad.transforms[0].transform.rotation.w = 0.0
+    with pytest.raises(InvalidSceneError, match="frame 'eye': "):
+        tree().heard(bad, still=True)
 
 
 def test_between_two_parents_the_earlier_one_counts() -> None:

@@ -111,3 +111,12 @@ def test_the_status_says_why_the_command_is_another() -> None:
     list(arm.cycles(1))
     assert arm.filter.status().level == WARN
     assert arm.filter.status().message == "the action is not finite"
+
+
+def test_three_velocities_are_of_the_tool_and_other_numbers_are_refused() -> None:
+    arm = Arm()
+    arm.wish = np.array([0.0, 0.0, 0.1])
+    *_, sent = arm.cycles(20)
+    assert np.abs(sent).max() > 0.05
+    with pytest.raises(InvalidRequestError, match="2 values: must be 7 velocities of joints, or 3"):
+        arm.filter.heard(message(COMMAND, data=[0.0, 0.0]), 0)

@@ -196,6 +196,11 @@ def solid(kind: int, *sizes: float):
     return {"primitives": [message("shape_msgs/msg/SolidPrimitive", type=kind, dimensions=sizes)]}
 
 
+def turned(**wxyz: float):
+    turn = message("geometry_msgs/msg/Quaternion", **{"w": 0.0, **wxyz})
+    return message("geometry_msgs/msg/Pose", position=point(0.5, 0, 0), orientation=turn)
+
+
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
@@ -213,44 +218,26 @@ def solid(kind: int, *sizes: float):
             },
             "subframes stem_0, stem_2: a stem must have stem_0 at the fruit, stem_1",
         ),
-        *[
-            (
-                {
-                    "type": message(
-                        "object_recognition_msgs/msg/ObjectType", key="optipromp", db=text
-                    )
-                },
-                "'x': type.db is .*: must be JSON with stem_radius",
-            )
-            for text in (
-                "{",
-                "[1]",
-                "3",
-                '{"weight": 1}',
-                '{"stem_radius": "thick"}',
-                '{"covariance": "a"}',
-                '{"covariance": [[1, 2], [3]]}',
-                '{"physical": [1]}',
-                '{"physical": {"mass": {}}}',
-                '{"physical": {"mass": NaN}}',
-                '{"camera_distance": [1]}',
-                "[" * 100_000,
-            )
-        ],
-        (
-            {
-                "pose": message(
-                    "geometry_msgs/msg/Pose",
-                    orientation=message("geometry_msgs/msg/Quaternion", w=0.5),
-                )
-            },
-            "must be a unit quaternion",
-        ),
+        ({"pose": turned(w=0.5)}, "must be a unit quaternion"),
     ],
 )
 def test_what_cannot_be_an_object_is_refused_by_name(fields, words: str) -> None:
     with pytest.raises(InvalidSceneError, match=words):
         read_collision_object(by_hand("x", **fields))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{", "[1]", "3", '{"weight": 1}', '{"stem_radius": "thick"}', '{"covariance": "a"}',
+        '{"covariance": [[1, 2], [3]]}', '{"physical": [1]}', '{"physical": {"mass": {}}}',
+        '{"physical": {"mass": NaN}}', '{"camera_distance": [1]}', "[" * 100_000,
+    ],
+)  # fmt: skip
+def test_further_quantities_that_are_none_are_refused(text: str) -> None:
+    kind = message("object_recognition_msgs/msg/ObjectType", key="optipromp", db=text)
+    with pytest.raises(InvalidSceneError, match=r"'x': type.db is .*: must be JSON with stem_radi"):
+        read_collision_object(by_hand("x", type=kind))
 
 
 def scene_message(*objects, **fields):
@@ -311,11 +298,6 @@ def in_frame(frame: str, name: str = "x", **fields):
 
 def ball(radius: float):
     return [message("shape_msgs/msg/SolidPrimitive", type=2, dimensions=[radius])]
-
-
-def turned(**wxyz: float):
-    turn = message("geometry_msgs/msg/Quaternion", **{"w": 0.0, **wxyz})
-    return message("geometry_msgs/msg/Pose", position=point(0.5, 0, 0), orientation=turn)
 
 
 @pytest.mark.parametrize(

@@ -122,9 +122,9 @@ def real(item: Any, kind: Any) -> Any:
     return deserialize_message(to_bytes(item), kind)
 
 
-def state(node: Any, q: Any = SCENE.start) -> JointState:
+def state(node: Any, q: Any = SCENE.start, names: Any = NAMES) -> JointState:
     """As most drivers send it: without efforts."""
-    made = JointState(name=NAMES, position=list(map(float, q)), velocity=[0.0] * 7)
+    made = JointState(name=names, position=list(map(float, q)), velocity=[0.0] * len(q))
     made.header.stamp = node.get_clock().now().to_msg()
     return made
 
@@ -223,9 +223,7 @@ def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any)
 
     def speak() -> None:
         for names, q in ((NAMES, START.q), (LEFT, THERE), (["fr3_finger_joint1"], [0.04])):
-            item = JointState(name=names, position=list(map(float, q)), velocity=[0.0] * len(q))
-            item.header.stamp = node.get_clock().now().to_msg()
-            states.publish(item)
+            states.publish(state(node, q, names))
 
     def asked(each: Any = None, **fields: Any) -> Any:
         made = GetMotionPlan.Request()
