@@ -96,10 +96,10 @@ class GuardFilter:
 
     def ending(self) -> Iterator[Message]:
         """The commands, one a period, of a guard that ends: along the braking curve, to zeros."""
-        safe = self.guard.blind("the guard ends")
-        while safe is not None and np.abs(safe.velocity).max() > REST:
+        while safe := self.guard.blind("the guard ends"):
+            if np.abs(safe.velocity).max() <= REST:
+                break
             yield message(COMMAND, data=safe.velocity)
-            safe = self.guard.blind("the guard ends")
         yield message(COMMAND, data=np.zeros(self.guard.robot.n_joints))
 
     def status(self) -> Message:

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.robots.arms import GRIPPER, fixed, robot, series
+from tests.robots.links import BALL
 from tests.ros.camera_messages import frames
 
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
@@ -87,40 +89,25 @@ def test_what_stands_still_is_known_across_a_gap_and_by_both_clocks() -> None:
     assert made.find("eye", BASE, 1500 * MS).position == pytest.approx(ASIDE.position)
 
 
-HAND = """<robot name="picker"><link name="mark"/><link name="base"/>
-<joint name="m" type="fixed"><parent link="base"/><child link="mark"/><origin xyz="0 0 1"/></joint>
-<joint name="j1" type="revolute"><parent link="base"/><child link="arm"/><origin xyz="0 0 0.2"/>
-  <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="2" effort="9"/></joint>
-<link name="arm"><collision><geometry><sphere radius="0.05"/></geometry></collision></link>
-<joint name="j2" type="revolute"><parent link="arm"/><child link="wrist"/><origin xyz="0 0 0.3"/>
-  <axis xyz="0 1 0"/><limit lower="-3" upper="3" velocity="2" effort="9"/></joint>
-<link name="wrist"><collision><geometry><sphere radius="0.04"/></geometry></collision></link>
-<joint name="h" type="fixed"><parent link="wrist"/><child link="hand"/>
-  <origin xyz="0 0 0.1"/></joint>
-<link name="hand"><collision><geometry><sphere radius="0.03"/></geometry></collision></link>
-<joint name="grip" type="prismatic"><parent link="hand"/><child link="finger"/>
-  <axis xyz="1 0 0"/><limit lower="0" upper="0.04" velocity="1" effort="9"/></joint>
-<link name="finger"/></robot>"""
-
-
-@pytest.mark.filterwarnings("ignore:.*no limits of acceleration")
 def test_the_links_of_a_file_with_a_hand_are_known_frames(tmp_path: Path) -> None:
     """Whatever link comes first and last in the file; but not what a gripper moves."""
-    (tmp_path / "a.urdf").write_text(HAND)
-    robot, q = load_robot(tmp_path / "a.urdf"), np.array([0.4, 0.7])
-    known = known_frames(robot, "l_", Pose([0.0, 0.0, 2.0]), q)
-    assert set(known) == {
-        "", "l_mark", "l_base", "l_arm", "l_wrist", "l_hand", "tool", "world"
-    }  # fmt: skip
-    wrist = Pose([0.0, 0.0, 0.5], Rotation.from_euler("ZY", q).as_matrix())
-    for name, want in (
-        ("l_mark", Pose([0.0, 0.0, 1.0])), ("l_base", Pose()), ("l_wrist", wrist),
-        ("l_hand", wrist @ Pose([0.0, 0.0, 0.1])), ("l_" + robot.arm.tip, flange_of(robot, q)),
-        ("tool", tool_frame(robot, q)), ("world", Pose([0.0, 0.0, -2.0])),
-    ):  # fmt: skip
+    text = robot(fixed("base", "mark"), *series("a", "base", 6), fixed("alink6", "palm"), *GRIPPER)
+    first = '<link name="palm">' + BALL + "</link>"
+    (tmp_path / "a.urdf").write_text(text.replace(first, "").replace('"r">', f'"r">{first}'))
+    arm, up = load_robot(tmp_path / "a.urdf"), Pose([0.0, 0.0, 0.2])
+    q = np.linspace(-0.5, 0.7, 6)
+    known = known_frames(arm, "l_", Pose([0.0, 0.0, 2.0]), q)
+    links = "base", "mark", *(f"alink{k}" for k in range(1, 7)), "palm"
+    assert set(known) == {"", "tool", "world", *(f"l_{link}" for link in links)}
+    wanted = {"": Pose(), "l_base": Pose(), "l_mark": up, "world": Pose([0.0, 0.0, -2.0])}
+    for k, (origin, turn) in enumerate(zip(*arm.segment_frames(q), strict=True)):
+        wanted[f"l_alink{k + 1}"] = Pose(origin, turn)
+    wanted |= {"l_palm": wanted["l_alink6"] @ up, "tool": tool_frame(arm, q)}
+    wanted["l_" + arm.arm.tip] = flange_of(arm, q)
+    for name, want in wanted.items():
         np.testing.assert_allclose(known[name].position, want.position, atol=1e-12)
         np.testing.assert_allclose(known[name].rotation, want.rotation, atol=1e-12)
-    assert set(known_frames(robot)) == {"", "base", "mark", "world"}
+    assert set(known_frames(arm)) == {"", "base", "mark", "world"}
 
 
 PANDA = load_robot("panda")

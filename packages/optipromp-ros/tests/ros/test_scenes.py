@@ -18,6 +18,7 @@ from optipromp.core.geometry import (
     PointCloudShape,
     Sphere,
 )
+from optipromp.core.planning.task import posed
 from optipromp.core.scenes import (
     Approach,
     Pose,
@@ -36,6 +37,7 @@ from optipromp_ros import (
     read_collision_object,
     read_planning_scene,
 )
+from optipromp_ros.frames import known_frames
 from optipromp_ros.scenes import pose_message, read_pose
 
 TETRAHEDRON = MeshShape(
@@ -333,6 +335,22 @@ def test_an_object_that_is_not_understood_is_unknown(bad, why: str, there, whole
     for mended in (by_hand("x"), in_frame("camera", operation=1), by_hand("", operation=1),
                    scene_message(by_hand("target/t"))):  # fmt: skip
         assert not world.heard(mended).unknown
+
+
+def test_an_object_in_the_frame_of_a_link_is_where_the_arm_holds_that() -> None:
+    """Where the arm stands; while it moves, or is not known, nobody knows."""
+    scene = load_scene("scenario-4")
+    names, ball = posed(scene)[0].joint_names, in_frame("link7", pose=pose_at(0, 0, 0.1))
+    still, moving = (
+        message("sensor_msgs/msg/JointState", name=names, position=scene.start, velocity=[v] * 7)
+        for v in (0.0, 0.3)
+    )
+    world = LiveScene.of(scene)
+    found = world.heard(still).heard(ball).scene().static[-1]
+    want = known_frames(world.robot, q=scene.start)["link7"] @ np.array([0.4, 0.1, 0.6])
+    np.testing.assert_allclose(found.position, want, atol=1e-12)
+    for unknown in (world, world.heard(moving)):
+        assert "header.frame_id is 'link7'" in unknown.heard(ball).unknown["x"]
 
 
 def test_a_motion_that_is_not_understood_is_mended_by_another() -> None:

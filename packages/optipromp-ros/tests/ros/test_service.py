@@ -1,5 +1,6 @@
 """Requests of MoveIt and their answers, from recorded messages to recorded messages."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -220,6 +221,19 @@ def test_a_state_that_is_not_understood_makes_the_one_before_unknown() -> None:
         assert told.val == CODES["START_STATE_INVALID"]
         assert words in told.message
         assert not lost.heard(joint_state(SCENE.start)).arm.why
+
+
+def test_an_arm_of_two_drivers_is_known_while_both_speak() -> None:
+    names, world = ROBOT.joint_names, LiveScene.of(SCENE)
+    for k in range(60):
+        now = SECOND + k * SECOND // 50
+        for part in (slice(4), slice(4, 7)) if k < 30 else (slice(4),):
+            item = joint_state(SCENE.start[part], names[part])
+            world = world.heard(replace(item, velocity=np.zeros(len(item.name))), now)
+        if k == 0 or k == 29:
+            np.testing.assert_array_equal(world.arm.at_rest(now).q, SCENE.start)
+    with pytest.raises(StartInvalidError, match=r"are 1\.02 s old"):
+        world.arm.known(now + SECOND * 21 // 50)
 
 
 def test_the_arm_of_the_prefix_is_heard() -> None:
