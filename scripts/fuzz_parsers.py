@@ -37,8 +37,7 @@ READERS = [
     "optipromp.core.trajectory", "optipromp.core.promp.demonstrations",
     "optipromp.core.promp.checks", "optipromp.core.promp.model", "optipromp.core.scenes.io",
     "optipromp.core.scenes.schema", "optipromp.core.scenes.objects", "optipromp.core.scenes.values",
-    "optipromp.core.scenes.pose", "optipromp.core.scenes.io", "optipromp.readers.urdf",
-    "optipromp.readers.urdf", "optipromp.readers.robot_file",
+    "optipromp.core.scenes.pose", "optipromp.readers.urdf", "optipromp.readers.robot_file",
     "optipromp.readers.arm", "optipromp.core.robots.resolved",
 ]  # fmt: skip
 CUT = b"\n--\xff--\n"  # between the members of an archive

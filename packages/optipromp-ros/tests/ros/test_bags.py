@@ -108,6 +108,10 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     write_bag(tmp_path / "bag", ITEMS)
     with pytest.raises(InvalidRequestError, match="bag exists: a bag must have a path of its own"):
         write_bag(tmp_path / "bag", ITEMS)
+    large = message("std_msgs/msg/Header", frame_id="a")
+    large.stamp.sec = 2**40
+    with pytest.raises(InvalidRequestError, match="cannot write the bag"):
+        write_bag(tmp_path / "large", [Recorded("/a", large)])
     (tmp_path / "file").touch()
     with pytest.raises(InvalidRequestError, match="cannot write the bag"):
         write_bag(tmp_path / "file" / "bag", ITEMS)
