@@ -2,6 +2,7 @@
 
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -51,7 +52,7 @@ class ArmState:
         """Of a robot of which nothing was heard; ``prefix``: see :class:`Measured`."""
         return cls(Measured(robot.joint_names, prefix=prefix, kept=OLD), robot.turns, old)
 
-    @property
+    @cached_property
     def newest(self) -> tuple[int, State] | None:
         """Time of the newest state of all joints [ns], and that state; None: it is not known."""
         found = self.measured.newest
