@@ -6,6 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing import get_context
+from threading import Lock
 from time import monotonic_ns, sleep
 from typing import TYPE_CHECKING, Any
 
@@ -107,10 +108,25 @@ def ros_node(
             _pick(pick, seen, execute or "~/joint_trajectory")
         return
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
-    _serve(LiveScene.of(optipromp.load_scene(scene), prefix), settings, execute)
+    _serve(_World(LiveScene.of(optipromp.load_scene(scene), prefix)), settings, execute)
 
 
-def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) -> None:
+class _World:
+    """The world as it is known, which messages change one by one, whatever their threads."""
+
+    def __init__(self, known: "LiveScene") -> None:
+        self.known, self._lock = known, Lock()
+
+    def change(
+        self, after: Callable[["LiveScene"], "LiveScene"]
+    ) -> tuple["LiveScene", "LiveScene"]:
+        """Make it what is ``after`` it; the world before and after."""
+        with self._lock:
+            before, self.known = self.known, after(self.known)
+            return before, self.known
+
+
+def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None:
     """Carry messages between ROS and :func:`optipromp_ros.answer` until the node is shut down.
 
     Messages are heard while a plan is made or executed, so that where the arm is stays known.
@@ -130,25 +146,26 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
         return int(node.get_clock().now().nanoseconds)
 
     def tell(level: int, words: str) -> None:
-        status(diagnostic(level, "plan", words, world.robot.name))
+        status(diagnostic(level, "plan", words, world.known.robot.name))
 
     def heard(item: Message, topic: str) -> None:
-        nonlocal world
-        before, world = world, world.heard(item, now())
-        if world.arm.why and world.arm is not before.arm:
-            warn(f"{topic}: {world.arm.why}")
-        for what, why in world.unknown.items():
+        before, after = world.change(lambda known: known.heard(item, now()))
+        if after.arm.why and after.arm is not before.arm:
+            warn(f"{topic}: {after.arm.why}")
+        for what, why in after.unknown.items():
             if before.unknown.get(what) != why:
                 node.get_logger().warning(f"{topic}: {why}")
                 tell(WARN, f"not understood: {why}")
 
     def lost(topic: str, why: str) -> None:
-        nonlocal world
-        world = world.marked(f"message of {topic}", f"a message of {topic}: {why}")
+        what, told = f"message of {topic}", f"a message of {topic}: {why}"
+        world.change(lambda known: known.marked(what, told))
 
     def plan(request: Any, response: Any) -> Any:
+        for waiting in topics:
+            waiting()
         asked = copied(request.motion_plan_request, "moveit_msgs/msg/MotionPlanRequest")
-        found = answer(world, asked, now=now(), **settings)
+        found = answer(world.known, asked, now=now(), **settings)
         if found.display is not None:
             display(found.display)
         if found.trajectory is not None:
@@ -167,14 +184,14 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
         """Publish a plan, and have the controller execute it to its end."""
         assert found.plan is not None
         motion = found.plan.trajectory
+
+        def ready() -> None:
+            world.known.arm.begins(motion.at(0.0), now())
+            publish(found.trajectory)
+
         if controller is None:
             publish(found.trajectory)
             return
-
-        def ready() -> None:
-            world.arm.begins(motion.at(0.0), now())
-            publish(found.trajectory)
-
         controller(found.trajectory, motion.duration, ready)
         found.response.error_code.message += f"; {execute} executed it"
 
@@ -185,9 +202,15 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     display = _publisher(node, "display_planned_path", "moveit_msgs/msg/DisplayTrajectory")
     status = _publisher(node, "~/status", STATUS)
     controller = _controller(node, execute, lambda words: tell(OK, words)) if execute else None
-    for topic, name in ("planning_scene", "PlanningScene"), ("collision_object", "CollisionObject"):
-        _listen(node, topic, f"moveit_msgs/msg/{name}", heard, OBJECTS, True, lost=lost)
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
+    heard_of = (
+        ("planning_scene", "moveit_msgs/msg/PlanningScene", OBJECTS, lost),
+        ("collision_object", "moveit_msgs/msg/CollisionObject", OBJECTS, lost),
+        ("joint_states", "sensor_msgs/msg/JointState", WAITING, None),
+    )
+    topics = [
+        _listen(node, topic, name, heard, depth, gone is not None, lost=gone)
+        for topic, name, depth, gone in heard_of
+    ]
     node.create_service(
         GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
     )  # beside that of what is heard
