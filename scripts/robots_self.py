@@ -27,6 +27,7 @@ def link_meshes(robot: Robot) -> dict[str, np.ndarray]:
             [_triangles(each, one) @ rotation_of(one.rpy).T + one.xyz for one in each.shapes]
         )
         for each in robot.geometry
+        if each.shapes
     }
 
 

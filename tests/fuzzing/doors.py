@@ -9,6 +9,7 @@ import threading
 import zipfile
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -232,21 +233,56 @@ def _one_changed(random: Random, item: Any) -> Any:
     return random.choice([0, 1, 2, 7, 8, 71, 96, 255, 2**16, 2**31 - 1, max(int(item) - 1, 0)])
 
 
-def detections(random: Random) -> Mutant:
-    from tests.ros.looks import array, seen
+@cache
+def heard() -> tuple[Any, ...]:
+    """What nodes hear of frames, an arm, a scene and fruits, and a request."""
+    from tests.ros import looks
+    from tests.ros.camera_messages import frames, header, sent
 
-    made = array(seen("ripe", (0.0, 0.0, 0.5)), seen("unripe", (0.05, 0.0, 0.5)))
-    item = message_changed(random, made)
+    from optipromp import load_scene
+    from optipromp.core.scenes.pose import Pose
+    from optipromp_ros import collision_object, message, planning_scene
+
+    scene, names = load_scene("scenario-3"), [f"joint{k}" for k in range(1, 8)]
+    state = {"name": names, "position": scene.start, "velocity": np.zeros(7)}
+    kinds = "joint", "position", "orientation"
+    goals = {f"{k}_constraints": [message(f"moveit_msgs/msg/{k.title()}Constraint")] for k in kinds}
+    three = [message("moveit_msgs/msg/Constraints", **{k: v}) for k, v in goals.items()]
+    items = (
+        frames(looks.EPOCH, ("link7", "camera", Pose()), ("link0", "link7", Pose())),
+        message("sensor_msgs/msg/JointState", header=header(looks.EPOCH), **state),
+        planning_scene(scene), collision_object(scene.objects[1]),
+        looks.array(looks.seen("ripe", (0, 0, 0.5)), looks.seen("unripe", (0.05, 0, 0.5))),
+        message("std_msgs/msg/Float64MultiArray", data=[0.1] * 7),
+        message("moveit_msgs/msg/MotionPlanRequest", goal_constraints=three,
+                allowed_planning_time=1e-6, max_velocity_scaling_factor=0.5),
+    )  # fmt: skip
+    return tuple(map(sent, items))
+
+
+def messages(random: Random) -> Mutant:
+    """To the planning service, the guard and the loop."""
+    items = [message_changed(random, item) if random.random() < 0.4 else item for item in heard()]
+    items += random.sample(items, 3)
 
     def act(folder: Path) -> str:
-        from optipromp.core.scenes.pose import Pose
-        from optipromp_ros import read_detections
+        from tests.ros.looks import EPOCH
 
-        found = read_detections(item, {"camera": Pose()})
-        assert all(np.isfinite(each.position).all() for each in found.in_base())
+        from optipromp import load_scene
+        from optipromp.core.errors import OptiPrompError
+        from optipromp_ros import GuardFilter, LiveScene, PickLoop, answer
+
+        scene = load_scene("scenario-3")
+        world, guard, loop = LiveScene.of(scene), GuardFilter(scene), PickLoop(scene)
+        for item in items:
+            for listen in (world.heard, guard.heard, lambda one, _: loop.heard(one)):
+                with suppress(OptiPrompError):
+                    world = listen(item, EPOCH) or world
+        loop.tick(EPOCH), loop.status(), guard.tick(EPOCH), guard.status()
+        answer(world, items[6], now=EPOCH)
         return "success"
 
-    return Mutant("detections", {}, act)
+    return Mutant("messages", {}, act)
 
 
 def image_messages(random: Random) -> Mutant:
@@ -283,32 +319,48 @@ def image_messages(random: Random) -> Mutant:
 
 
 def bag(random: Random) -> Mutant:
-    name = random.choice(["b.mcap", "b.db3"])
-    content = damaged(random, bags()[name])
+    """A bag that is damaged, or one of messages that are changed."""
+    name, content = random.choice(list(bags().items()))
+    items = [message_changed(random, item) if random.random() < 0.2 else item for item in filmed()]
+    which, chosen = random.randrange(3), random.choice(["c.mcap", name])
 
     def act(folder: Path) -> str:
         from optipromp.core.scenes.io import load_scene
-        from optipromp_ros.pictures import bag_pictures
+        from optipromp_ros import Recorded, bag_pictures, load_recording, read_trajectory, write_bag
 
-        list(bag_pictures(folder / name, load_scene("scenario-3"), camera=picture().camera))
+        topics = "/info", "/colour", "/depth", "/tf", "/joint_states"
+        told = [Recorded(t, item, 10**9) for t, item in zip(topics, items, strict=True)]
+        write_bag(folder / "c.mcap", told)
+        reads = load_recording, read_trajectory, lambda of: list(bag_pictures(of, scene))
+        scene = load_scene("scenario-3")
+        reads[which](folder / chosen)
         return "success"
 
-    return Mutant("bag", {name: content}, act)
+    return Mutant("bag", {name: damaged(random, content)}, act)
+
+
+@cache
+def filmed() -> tuple[Any, ...]:
+    """A picture, where the camera was, and the arm."""
+    from tests.ros import camera_messages as made
+
+    from optipromp.core.scenes.pose import Pose
+
+    shown, state = picture(), heard()[1]
+    steps = np.round(shown.depth * 1e3).astype(np.uint16)
+    state = replace(state, header=made.header(10**9))
+    return (
+        made.info(shown.camera, 10**9), made.compressed(shown.rgb, 10**9, "png"),
+        made.compressed(steps, 10**9, "16UC1"), made.frames(10**9, ("link7", made.FRAME, Pose())),
+        state,
+    )  # fmt: skip
 
 
 @cache
 def bags() -> dict[str, bytes]:
-    from tests.ros import camera_messages as made
-
     from optipromp_ros import Recorded, write_bag
 
-    shown = picture()
-    steps = np.round(shown.depth * 1e3).astype(np.uint16)
-    items = [
-        Recorded("/info", made.info(shown.camera, 10**9), 10**9),
-        Recorded("/colour", made.compressed(shown.rgb, 10**9, "png"), 10**9),
-        Recorded("/depth", made.compressed(steps, 10**9, "16UC1"), 10**9),
-    ]
+    items = [Recorded(f"/{k}", item, 10**9) for k, item in enumerate(filmed())]
     with TemporaryDirectory() as folder:
         write_bag(Path(folder) / "b.mcap", items)
         write_bag(Path(folder) / "b", items)
@@ -551,7 +603,7 @@ def episode_options(random: Random) -> Mutant:
 
 DOORS: list[tuple[int, Callable[[Random], Mutant]]] = [
     (20, picture_file), (10, depth_array), (12, camera), (1, network), (10, calibration),
-    (10, detections), (12, image_messages), (4, bag), (20, mesh), (12, bench_zip), (8, bench_run),
+    (20, messages), (12, image_messages), (10, bag), (20, mesh), (12, bench_zip), (8, bench_run),
     (6, answers), (3, episode_options),
 ]  # fmt: skip
 

@@ -1,16 +1,19 @@
 """A guard between two topics: somebody's velocities in, harmless velocities out."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, StartInvalidError
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.guard import Guard, Safe
 from optipromp_ros import live, trajectories
+from optipromp_ros.arm_state import ArmState
+from optipromp_ros.frames import known_frames
 from optipromp_ros.types import ERROR, OK, WARN, Message, diagnostic, message
 
 COMMAND = "std_msgs/msg/Float64MultiArray"
@@ -38,8 +41,8 @@ class GuardFilter:
         self.guard = Guard(scene)
         self.safe: Safe | None = None
         self._parameters = parameters or live.DetectionParameters()
-        self._frames = live.frames_of(self.guard.robot, prefix, scene.base)
-        self._state: tuple[int, State] | None = None
+        self._prefix, self._base = prefix, scene.base
+        self._arm = ArmState.of(self.guard.robot, prefix, SILENT)
         self._wish: tuple[int, FloatArray] | None = None
         self._looks: list[Look] = []
         self._trouble = ""  # why nothing was decided in the last period
@@ -51,11 +54,10 @@ class GuardFilter:
             InvalidRequestError: joints that are not the robot's; an unknown frame; a command of a
                 wrong length; another type of message.
         """
-        robot = self.guard.robot
+        robot, q = self.guard.robot, None
         match item.__msgtype__:
             case "sensor_msgs/msg/JointState":
-                state = trajectories.joint_motion(item, robot.joint_names, "joint_states")
-                self._state = now, state
+                self._arm = self._arm.heard(item, now)
             case _ if item.__msgtype__ == COMMAND:
                 wish = np.array(item.data, dtype=np.float64)
                 if len(wish) not in (3, robot.n_joints):
@@ -66,8 +68,10 @@ class GuardFilter:
                 self._wish = now, wish
             case _ if item.__msgtype__ == live.DETECTIONS:
                 time = 1e-9 * trajectories.nanoseconds(item.header.stamp)
-                look = live.read_detections(item, self._frames, self._parameters, time=time)
-                self._looks.append(look)
+                with suppress(StartInvalidError):
+                    q = self._arm.known(now).q
+                frames = known_frames(robot, self._prefix, self._base, q)
+                self._looks.append(live.read_detections(item, frames, self._parameters, time=time))
             case _:
                 raise InvalidRequestError(f"a {item.__msgtype__} is of no use to a guard")
 
@@ -78,12 +82,13 @@ class GuardFilter:
         younger, and where the guard can decide nothing, the arm is led along the braking curve that
         passed last, and then gets zeros: a velocity controller goes on with what it got last.
         """
-        self._trouble = self._unheard(now)
-        if not self._trouble:
-            try:
-                self.safe = self._decided(now)
-            except (OptiPrompError, ValueError, ArithmeticError) as error:
-                self._trouble = f"nothing can be decided: {error}"
+        self._trouble = ""
+        try:
+            self.safe = self._decided(self._arm.known(now), now)
+        except StartInvalidError as error:
+            self._trouble = error.message
+        except (OptiPrompError, ValueError, ArithmeticError) as error:
+            self._trouble = f"nothing can be decided: {error}"
         if self._trouble:
             self.safe = self.guard.blind(self._trouble)
         still = np.zeros(self.guard.robot.n_joints)
@@ -91,10 +96,10 @@ class GuardFilter:
 
     def ending(self) -> Iterator[Message]:
         """The commands, one a period, of a guard that ends: along the braking curve, to zeros."""
-        safe = self.guard.blind("the guard ends")
-        while safe is not None and np.abs(safe.velocity).max() > REST:
+        while safe := self.guard.blind("the guard ends"):
+            if np.abs(safe.velocity).max() <= REST:
+                break
             yield message(COMMAND, data=safe.velocity)
-            safe = self.guard.blind("the guard ends")
         yield message(COMMAND, data=np.zeros(self.guard.robot.n_joints))
 
     def status(self) -> Message:
@@ -103,17 +108,9 @@ class GuardFilter:
         level = ERROR if self._trouble else WARN if words else OK
         return diagnostic(level, "guard", words or "as asked", self.guard.robot.name)
 
-    def _unheard(self, now: int) -> str:
-        """Why the state of the arm is not known; empty: it is."""
-        if self._state is None:
-            return "no joint states"
-        age = 1e-9 * (now - self._state[0])  # below 0 where the clock was set back
-        return "" if abs(age) <= SILENT else f"joint states are {age:.2f} s old"
-
-    def _decided(self, now: int) -> Safe:
-        """What the guard gives for the newest state, command and looks."""
-        assert self._state is not None
-        state, wish = self._state[1], np.zeros(self.guard.robot.n_joints)
+    def _decided(self, state: State, now: int) -> Safe:
+        """What the guard gives for a state, and the newest command and looks."""
+        wish = np.zeros(self.guard.robot.n_joints)
         if self._wish is not None and abs(now - self._wish[0]) <= 1e9 * SILENT:
             wish = self._wish[1]
         if len(wish) < self.guard.robot.n_joints:

@@ -2,13 +2,19 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, cast, get_args
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, InvalidSceneError, OptiPrompError
+from optipromp.core.errors import (
+    InvalidRequestError,
+    InvalidSceneError,
+    OptiPrompError,
+    StartInvalidError,
+)
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.planning.task import posed
@@ -21,19 +27,19 @@ from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Goal, JointGoal, PoseGoal, RegionGoal, Scene
 from optipromp.core.trajectory import joint_columns
 from optipromp_ros.arm_state import ArmState
+from optipromp_ros.frames import TOOL, Frames, known_frames
 from optipromp_ros.scenes import (
     COLLISION_OBJECT,
     Held,
+    links_of,
     object_id,
     read_held,
     read_pose,
     read_quaternion,
     vector,
 )
-from optipromp_ros.trajectories import NANO, joint_positions, nanoseconds
+from optipromp_ros.trajectories import NANO, joint_motion, nanoseconds
 from optipromp_ros.types import Message, constants
-
-WORLD = "world"  # Name of the frame in which the scene's ``base`` is the pose of the robot's base
 
 
 def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = "") -> Scene:
@@ -58,17 +64,7 @@ def read_planning_scene(item: Message, like: Scene | None = None, prefix: str = 
         "robot": item.robot_model_name,
         "choice": UNTRUSTED,
     }
-    return LiveScene(stated, robot, frames_of(robot, prefix), prefix=prefix).heard(item).scene()
-
-
-def frames_of(robot: Robot, prefix: str = "", base: Pose | None = None) -> dict[str, Pose]:
-    """The frames of messages by name: their poses in the base frame.
-
-    The base frame has the name of the robot's first link after the ``prefix``, and the empty name.
-    ``world`` is the frame in which the base has the pose ``base`` (None: the base frame).
-    """
-    world = Pose() if base is None else base.inverse()
-    return {"": Pose(), prefix + robot.link_names[0]: Pose(), WORLD: world}
+    return LiveScene(stated, robot, ArmState.of(robot, prefix), {}, prefix).heard(item).scene()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,19 +74,17 @@ class LiveScene:
     Attributes:
         stated: fields of the :class:`optipromp.core.scenes.Scene`, except its objects.
         robot: with its tool.
-        frames: the frames of messages by name: their poses in the base frame.
+        arm: its joint states.
         held: the objects of each message by its id, oldest first.
         prefix: of joint and link names in ROS.
-        arm: its newest joint states.
         unknown: what was not understood, by id, and why. It is there until it is mended or removed.
     """
 
     stated: Mapping[str, Any]
     robot: Robot
-    frames: Mapping[str, Pose]
+    arm: ArmState
     held: Mapping[str, Held] = field(default_factory=dict)
     prefix: str = ""
-    arm: ArmState = field(default_factory=ArmState)
     unknown: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
@@ -98,12 +92,7 @@ class LiveScene:
         """The world of a scene; ``prefix`` is that of joint and link names in ROS."""
         robot = posed(scene)[0]
         held = {object_id(o): Held(Pose(o.position, o.orientation), (o,)) for o in scene.objects}
-        return cls(vars(scene), robot, frames_of(robot, prefix, scene.base), held, prefix)
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The robot's joints, n names."""
-        return self.robot.joint_names
+        return cls(vars(scene), robot, ArmState.of(robot, prefix), held, prefix)
 
     def scene(self, goal: tuple[Goal, ...] | None = None) -> Scene:
         """The scene.
@@ -148,24 +137,27 @@ class LiveScene:
         """
         match item.__msgtype__.rpartition("/")[2]:
             case "PlanningScene":
-                return self._heard_scene(item)
+                return self._heard_scene(item, now)
             case "CollisionObject":
                 gone = item.operation == constants(item.__msgtype__)["REMOVE"] and item.id
                 if gone and not {item.id} & (self.held.keys() | self.unknown.keys()):
                     raise InvalidSceneError(
                         f"collision object {item.id!r} is not there: must be added first"
                     )
-                return self._heard_object(item)
+                return self._heard_object(item, self.frames(now))
             case "JointState":
-                joints = [self.prefix + name for name in self.joints]
-                if not set(joints) & set(item.name):
-                    joint_columns(item.name, joints, "joint_states")
-                arm = self.arm.heard(item, joints, now)
-                return replace(self if arm.state is None else self.at(arm.state.q), arm=arm)
+                arm = self.arm.heard(item, now)
+                return replace(self.at(arm.newest[1].q) if arm.newest else self, arm=arm)
         raise InvalidRequestError(
             f"a {item.__msgtype__} says nothing of a scene: must be a PlanningScene, a "
             "CollisionObject or a JointState"
         )
+
+    def frames(self, now: int | None, q: FloatArray | None = None) -> dict[str, Pose]:
+        """The frames of messages with the arm at ``q`` (n,); None: where it stands at ``now``."""
+        with suppress(StartInvalidError):
+            q = self.arm.at_rest(now).q if q is None else q
+        return known_frames(self.robot, self.prefix, self.stated.get("base"), q)
 
     def at(self, start: FloatArray) -> "LiveScene":
         """The world with the robot at ``start`` (n,)."""
@@ -177,23 +169,25 @@ class LiveScene:
         unknown = {name: old for name, old in self.unknown.items() if name != what}
         return replace(self, unknown={**unknown, what: why} if why else unknown)
 
-    def _heard_scene(self, item: Message) -> "LiveScene":
-        world = self if item.is_diff else replace(self, held={}, unknown={})
+    def _heard_scene(self, item: Message, now: int | None) -> "LiveScene":
+        world, q = self if item.is_diff else replace(self, held={}, unknown={}), None
         for what, why in _unread(item):
             world = world.marked(what, why)
-        for part in item.world.collision_objects:
-            world = world._heard_object(part)
         state = item.robot_state.joint_state
         if state.name or len(state.position):
             try:
-                world = world.at(joint_positions(state, self.joints, _START))
+                q = joint_motion(state, self.robot.joint_names, _START, self.prefix).q
+                world = world.at(q)
             except InvalidRequestError as error:
                 world = world.marked(_START, error.message)
+        frames = self.frames(now, q)
+        for part in item.world.collision_objects:
+            world = world._heard_object(part, frames)
         if item.name:
             world = replace(world, stated={**world.stated, "name": item.name})
         return world
 
-    def _heard_object(self, item: Message) -> "LiveScene":
+    def _heard_object(self, item: Message, frames: Mapping[str, Pose]) -> "LiveScene":
         """The world after an object, which is unknown if its message is not understood."""
         kinds, held = constants(item.__msgtype__), dict(self.held)
         if item.operation == kinds["REMOVE"]:
@@ -210,7 +204,7 @@ class LiveScene:
                 raise InvalidSceneError(
                     f"operation is {item.operation}: must be ADD (0), REMOVE (1) or MOVE (3)"
                 )
-            frame = in_base(item.header, self.frames)
+            frame = in_base(item.header, frames)
             if moved:
                 held[item.id] = held[item.id].at(frame @ read_pose(item.pose))
             else:
@@ -222,8 +216,7 @@ class LiveScene:
                 held.pop(item.id, None)  # of another shape: a motion does not mend it
             elif item.id in self.unknown and item.id not in held:
                 return self
-            told = f"collision object {item.id!r}: "
-            why = told + error.message.removeprefix(told)
+            why = f"collision object {item.id!r}: {error.message}"
             return replace(self.marked(item.id, why), held=held)
         return replace(self.marked(item.id, ""), held=held, stated=stated)
 
@@ -234,11 +227,7 @@ _NO_OBJECTS = "robot_state.", "world.octomap", "link_", "message "  # begins of 
 
 def in_base(header: Message, frames: Mapping[str, Pose]) -> Pose:
     """The pose in the base frame of the frame that a header names."""
-    if header.frame_id in frames:
-        return frames[header.frame_id]
-    raise InvalidRequestError(
-        f"header.frame_id is {header.frame_id!r}: must be {' or '.join(map(repr, frames))}"
-    )
+    return frames.get(header.frame_id) or Frames().find(header.frame_id, frames)
 
 
 def _unread(item: Message) -> Iterator[tuple[str, str]]:
@@ -265,18 +254,12 @@ def _unread(item: Message) -> Iterator[tuple[str, str]]:
             yield what, "" if value == usual else told
 
 
-TOOL = "tool"
-"""Name of the frame at the tool point: z along the tool axis, y along the opening of fingers."""
-
-
-def read_goal(
-    constraints: Sequence[Message], world: LiveScene, prefix: str = ""
-) -> tuple[Goal, ...] | None:
+def read_goal(constraints: Sequence[Message], world: LiveScene) -> tuple[Goal, ...] | None:
     """The goals of ``goal_constraints``, one of which is to be reached; None where there are none.
 
     Joint constraints state a configuration; joints without one stay where they are at the start.
     A position constraint states a point of the frame ``tool``, and with an orientation constraint
-    a pose of it or of the robot's last link (its flange). The goal is the tool point and the
+    a pose of it or of a link that moves with it, as the flange. The goal is the tool point and the
     orientation of the tool of that pose. With an ``absolute_z_axis_tolerance`` of π or more about
     the tool axis, the turn about the axis is free. The other tolerances are ignored.
 
@@ -286,29 +269,32 @@ def read_goal(
         InvalidRequestError: a goal of another form, or a wrong value.
     """
     try:
-        return tuple(_goal(k, one, world, prefix) for k, one in enumerate(constraints)) or None
+        return tuple(_goal(k, one, world) for k, one in enumerate(constraints)) or None
     except InvalidSceneError as error:
         raise InvalidRequestError(f"goal_constraints: {error.message}") from None
 
 
-def _goal(k: int, goal: Message, world: LiveScene, prefix: str) -> Goal:
+def _goal(k: int, goal: Message, world: LiveScene) -> Goal:
     kinds = "joint", "position", "orientation"
     joints, places, turns = (getattr(goal, f"{kind}_constraints") for kind in kinds)
     if goal.visibility_constraints:
         raise InvalidRequestError(f"goal_constraints[{k}].visibility_constraints: must be empty")
     if joints and not places and not turns:
-        return _joint_goal(joints, world, prefix)
+        return _joint_goal(joints, world)
     if joints or len(places) != 1 or len(turns) > 1:
         raise InvalidRequestError(
             f"goal_constraints[{k}] has {len(joints)} joint, {len(places)} position and "
             f"{len(turns)} orientation constraints: must have joint constraints alone, or one "
             "position constraint with at most one orientation constraint"
         )
-    return _pose_goal(places[0], turns[0] if turns else None, world, prefix)
+    return _pose_goal(places[0], turns[0] if turns else None, world)
 
 
-def _joint_goal(joints: Sequence[Message], world: LiveScene, prefix: str) -> JointGoal:
-    own, names = [prefix + name for name in world.joints], [one.joint_name for one in joints]
+def _joint_goal(joints: Sequence[Message], world: LiveScene) -> JointGoal:
+    own, names = (
+        [world.prefix + name for name in world.robot.joint_names],
+        [one.joint_name for one in joints],
+    )
     wanted, start = np.array([one.position for one in joints]), world.stated.get("start")
     if set(names) < set(own) and len(set(names)) == len(names) and start is not None:
         q = np.array(start, dtype=np.float64)
@@ -317,16 +303,15 @@ def _joint_goal(joints: Sequence[Message], world: LiveScene, prefix: str) -> Joi
     return JointGoal(wanted[joint_columns(names, own, "joint_constraints")])
 
 
-def _pose_goal(
-    place: Message, turn: Message | None, world: LiveScene, prefix: str
-) -> PoseGoal | RegionGoal:
-    robot = world.robot
-    flange = prefix + [name for name in robot.link_names if name != TOOL][-1]
+def _pose_goal(place: Message, turn: Message | None, world: LiveScene) -> PoseGoal | RegionGoal:
+    robot, frames = world.robot, world.frames(None, world.stated.get("start"))
+    last = robot.n_segments - 1
+    links = {world.prefix + k: link for k, link in links_of(robot).items() if link.segment == last}
     for what, item in (("position", place), ("orientation", turn)):
-        if item and (item.link_name not in (TOOL, flange) or item.link_name != place.link_name):
+        if item and (item.link_name not in (TOOL, *links) or item.link_name != place.link_name):
             raise InvalidRequestError(
                 f"{what} constraint: link_name is {item.link_name!r}: both constraints must name "
-                f"{TOOL!r} (at the tool point, z along its axis) or {flange!r}"
+                f"{TOOL!r} (at the tool point, z along its axis) or {' or '.join(map(repr, links))}"
             )
     poses = place.constraint_region.primitive_poses
     if len(poses) != 1 or place.constraint_region.meshes:
@@ -334,7 +319,7 @@ def _pose_goal(
             f"position constraint: constraint_region has {len(poses)} primitive_poses: must have "
             "one, and no meshes"
         )
-    at, offset = in_base(place.header, world.frames), vector(place.target_point_offset)
+    at, offset = in_base(place.header, frames), vector(place.target_point_offset)
     origin = at @ vector(poses[0].position)
     if turn is None:
         if place.link_name != TOOL or offset.any():
@@ -344,14 +329,13 @@ def _pose_goal(
                 "without an offset"
             )
         return RegionGoal(origin)
-    turned = in_base(turn.header, world.frames)
+    turned = in_base(turn.header, frames)
     rotation = (turned @ Pose(orientation=read_quaternion(turn.orientation))).rotation
-    origin = origin - rotation @ offset
-    if place.link_name == TOOL:
-        point, frame = origin, rotation
-    else:
-        segment: FloatArray = rotation @ robot.flange_rotation.T
-        point = origin + segment @ (robot.tool_point - robot.flange_translation)
+    point, frame = origin - rotation @ offset, rotation
+    if place.link_name != TOOL:
+        link = links[place.link_name]
+        segment: FloatArray = rotation @ link.rotation.T
+        point = point + segment @ (robot.tool_point - link.translation)
         frame = segment @ robot.tool_rotation
     free = turn.absolute_z_axis_tolerance >= math.pi  # about z of the link that is named
     if free and rotation[:, 2] @ frame[:, 2] > 1.0 - 1e-9:  # rounding

@@ -3,17 +3,13 @@
 :class:`PickLoop` takes states and detections in and gives curves that replace others.
 """
 
-import bisect
 import math
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
-from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import (
     Code,
     ExecutionError,
@@ -27,7 +23,6 @@ from optipromp.core.planning.planners import factory
 from optipromp.core.promp.model import ProMP
 from optipromp.core.robots.library import load_arm
 from optipromp.core.robots.measured import Measured
-from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
@@ -35,82 +30,9 @@ from optipromp_eyes.watcher import Watcher
 from optipromp_loop.control.controller import Controller, LoopStage
 from optipromp_loop.control.driver import without_fruits
 from optipromp_ros import live, trajectories
+from optipromp_ros.frames import Frames, known_frames, link_prefix
 from optipromp_ros.images import PICTURES, Pictures
-from optipromp_ros.scenes import read_quaternion, vector
 from optipromp_ros.types import ERROR, OK, WARN, Message, constants, diagnostic, message
-
-HELD = 200_000_000  # [ns] before its first and after its last time, a frame is as then: a choice
-
-
-class Frames:
-    """Frames by name: each one's parent, and its pose there over time."""
-
-    def __init__(self) -> None:
-        self.still: dict[str, tuple[str, Pose]] = {}  # of frames that do not move
-        self._moving: dict[str, tuple[str, list[int], list[Pose]]] = {}
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """All frames that were told, and their parents."""
-        still = [name for child, (up, _) in self.still.items() for name in (child, up)]
-        moving = [name for child, (up, *_) in self._moving.items() for name in (child, up)]
-        return tuple(dict.fromkeys(still + moving))
-
-    def heard(self, item: Message, still: bool) -> None:
-        """Take a ``TFMessage`` in; ``still``: of frames that do not move (``/tf_static``)."""
-        for one in item.transforms:
-            name, up = one.child_frame_id.lstrip("/"), one.header.frame_id.lstrip("/")
-            to = one.transform
-            pose = Pose(vector(to.translation), read_quaternion(to.rotation))
-            if still:
-                self.still[name] = (up, pose)
-                continue
-            stamp = trajectories.nanoseconds(one.header.stamp)
-            _, times, poses = self._moving.setdefault(name, (up, [], []))
-            k = bisect.bisect_right(times, stamp)
-            times.insert(k, stamp)
-            poses.insert(k, pose)
-
-    def find(self, name: str, known: Mapping[str, Pose], stamp: int = 0) -> Pose | None:
-        """The pose of a frame in the base at a ``stamp`` [ns].
-
-        ``known``: poses of frames in the base, the surest first. None: no known frame is in the
-        same tree, or its pose at that time was not told.
-        """
-        mine = dict(self._chain(name, stamp))
-        for other, pose in known.items():
-            for common, there in self._chain(other, stamp):
-                if common in mine:
-                    return pose @ there.inverse() @ mine[common]
-        return None
-
-    def _chain(self, name: str, stamp: int) -> Iterator[tuple[str, Pose]]:
-        """The frame and its parents, each with the pose of the frame in it; a loop ends it."""
-        met, pose, name = set[str](), Pose(), name.lstrip("/")
-        while name not in met:
-            met.add(name)
-            yield name, pose
-            step = self._step(name, stamp)
-            if step is None:
-                return
-            name, pose = step[0], step[1] @ pose
-
-    def _step(self, name: str, stamp: int) -> tuple[str, Pose] | None:
-        """Parent and pose in it, between two times on the way that turns evenly."""
-        if name not in self._moving:
-            return self.still.get(name)
-        up, times, poses = self._moving[name]
-        if not times[0] - HELD <= stamp <= times[-1] + HELD:
-            return None
-        k = bisect.bisect_right(times, stamp)
-        if k in (0, len(times)):
-            return up, poses[min(k, len(times) - 1)]
-        share = (stamp - times[k - 1]) / (times[k] - times[k - 1])
-        a, b = poses[k - 1], poses[k]
-        turn = Rotation.from_matrix(a.rotation.T @ b.rotation).as_rotvec() * share
-        place = a.position + share * (b.position - a.position)
-        return up, Pose(place, a.rotation @ Rotation.from_rotvec(turn).as_matrix())
-
 
 KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
 
@@ -134,7 +56,7 @@ class PickLoop:
 
     Attributes:
         controller: with its stage and its decisions.
-        frames: poses of frames in the robot's base frame, by name.
+        frames: that were told.
     """
 
     def __init__(
@@ -151,10 +73,8 @@ class PickLoop:
         self.controller = controller or Controller(without_fruits(scene), real_time=True)
         self.parameters = parameters or live.DetectionParameters()
         robot = self.controller.robot
-        self.frames = live.frames_of(robot, prefix, scene.base)
-        self._flange = prefix + [name for name in robot.link_names if name != live.TOOL][-1]
+        self.frames, self._base = Frames(), scene.base
         self._rate, self._prefix = rate, prefix
-        self._mounts = Frames()
         held = self.controller.parameters.state_age
         self._arm = Measured(robot.joint_names, robot.turns, prefix=prefix, kept=KEPT, held=held)
         self._origin: int | None = None  # the stamp of the loop's time 0, as the clock is set now
@@ -171,8 +91,8 @@ class PickLoop:
         """Take a message in.
 
         Read are ``sensor_msgs/JointState``, ``vision_msgs/Detection3DArray``, and
-        ``tf2_msgs/TFMessage`` of frames that stand still on the base, on the robot's last link (its
-        flange) or on ``tool`` (at the tool point, z along its axis), themselves or through others.
+        ``tf2_msgs/TFMessage`` of frames that stand still on a link of the robot or on ``tool`` (at
+        the tool point, z along its axis), themselves or through others.
         With a watcher also the messages of pictures that :func:`optipromp_ros.bag_pictures` reads.
 
         Args:
@@ -190,18 +110,17 @@ class PickLoop:
                 time = self._time(trajectories.nanoseconds(item.header.stamp))
                 trajectories.hear(self._arm, item, time)
             case "tf2_msgs/msg/TFMessage":
-                self._mounts.heard(item, still=True)
+                self.frames.heard(item, still=True)
             case _ if item.__msgtype__ == live.DETECTIONS:
                 time = self._time(trajectories.nanoseconds(item.header.stamp))
-                frames = self._frames(self._arm.at(time))
-                look = live.read_detections(item, frames, self.parameters, time=time)
-                self.controller.see(look)
+                known = {item.header.frame_id: self._camera(item.header.frame_id, time)}
+                self.controller.see(live.read_detections(item, known, self.parameters, time=time))
             case kind if kind in PICTURES and self.watcher is not None:
                 taken = self._pictures.heard(topic or kind, item)
                 if taken is not None:
                     time = self._time(taken.stamp)
-                    frames = self._frames(self._arm.at(time))
-                    self.watcher.watch(taken.picture(live.in_base(taken.header, frames)), time)
+                    camera = self._camera(taken.header.frame_id, time)
+                    self.watcher.watch(taken.picture(camera), time)
             case _:
                 raise InvalidRequestError(
                     f"a {item.__msgtype__} is of no use here: must be a JointState, a "
@@ -228,7 +147,7 @@ class PickLoop:
             self._arm.forget()
             self._set = f"the clock was set {'back' if by < 0.0 else 'forward'} by {abs(by):.3f} s"
         newest = self._arm.newest
-        age = self._arm.age(time)
+        age = math.inf if newest is None else time - newest[0]
         fresh = newest is not None and abs(age) <= p.state_age
         if self._set and newest and fresh and (self._line is None or self._line.ended(time)):
             self.controller.begin_anew(time, newest[1])
@@ -319,12 +238,11 @@ class PickLoop:
             self._origin = stamp
         return (stamp - self._origin) / trajectories.NANO
 
-    def _frames(self, q: FloatArray) -> dict[str, Pose]:
-        """The known frames with the arm at ``q`` (n,)."""
-        robot = self.controller.robot
-        known = self.frames | {self._flange: flange_of(robot, q), live.TOOL: tool_frame(robot, q)}
-        found = {name: self._mounts.find(name, known) for name in self._mounts.names}
-        return {**{name: pose for name, pose in found.items() if pose is not None}, **known}
+    def _camera(self, name: str, time: float) -> Pose:
+        """The pose of a camera's frame in the base at a ``time`` [s]."""
+        robot, q = self.controller.robot, self._arm.at(time)
+        before = link_prefix(self.frames.names, robot, self._arm.prefix, self._prefix)
+        return self.frames.find(name, known_frames(robot, before, self._base, q))
 
 
 RESPONSE = "moveit_msgs/msg/MotionPlanResponse"
@@ -397,6 +315,8 @@ def answer(
     Returns:
         The answer; to a request that cannot be used, the code and the message of the error.
     """
+    prefix = prefix or world.prefix
+    world = replace(world, prefix=prefix)
     try:
         _refuse_unread(request)
         _refuse_another_arm(request.group_name, world)
@@ -405,10 +325,10 @@ def answer(
         factory(planner, "planner_id")  # refuses an unknown name
         stated, state = request.start_state.joint_state, None
         if stated.name or len(stated.position):
-            joints = [prefix + name for name in world.joints]
-            state = trajectories.joint_motion(stated, joints, "start_state.joint_state")
+            what = "start_state.joint_state"
+            state = trajectories.joint_motion(stated, world.robot.joint_names, what, prefix)
             world = world.at(state.q)
-        goals = live.read_goal(request.goal_constraints, world, prefix)
+        goals = live.read_goal(request.goal_constraints, world)
         if state is None:
             state = _measured(world, now)
             world = world.at(state.q)
@@ -438,7 +358,7 @@ def answer(
 def _measured(world: live.LiveScene, now: int | None) -> State:
     """The state of an arm that stands."""
     try:
-        return world.arm.at_rest(world.joints, now)
+        return world.arm.at_rest(now)
     except StartInvalidError as error:
         if world.unknown:
             world.scene()  # tells what must be mended besides

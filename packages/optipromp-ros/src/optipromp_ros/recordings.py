@@ -5,7 +5,6 @@ import warnings
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +15,7 @@ from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.parameters import Checked, parameter
 from optipromp.core.promp.demonstrations import Demonstration, Demonstrations
-from optipromp.core.robots.measured import Measured, Series
+from optipromp.core.robots.measured import GAP, Measured, Series
 from optipromp_ros.trajectories import NANO, hear, nanoseconds
 from optipromp_ros.types import Recorded, read_bag
 
@@ -35,7 +34,7 @@ class CutParameters(Checked):
     # moves the tool of an arm that reaches 1 m by 50 mm
     motion: float = parameter(0.05, "rad or m", "choice", "least range of a demonstration's joint")
     margin: float = parameter(0.1, "s", "choice", "of still phases at a demonstration's ends")
-    gap: float = parameter(0.5, "s", "choice", "longest time without a message within it")
+    gap: float = parameter(GAP, "s", "choice", "longest time without a message within it")
     rate: float = parameter(100.0, "Hz", "choice", "of the samples of a demonstration, at most")
 
 
@@ -98,7 +97,7 @@ def load_recording(
         path: as for :func:`optipromp_ros.read_bag`.
         joints: of the robot, in its order; None: those of most messages, in the order of the first
             such message.
-        topic: to read; None: the only one with joint states, or ``/joint_states``.
+        topic: to read; None: see :func:`of_one_arm`.
         prefix: before the joints' names, of one of several arms; empty: the only one there is.
         parameters: definitions of a still phase and of a demonstration.
 
@@ -107,13 +106,14 @@ def load_recording(
         InvalidDemonstrationError: no joint states, or no motion among them.
     """
     limits = parameters or CutParameters()
-    by_topic: dict[str, list[Recorded]] = {}
-    for item in read_bag(path, topics=None if topic is None else (topic,), types=(JOINT_STATE,)):
-        by_topic.setdefault(item.topic, []).append(item)
-    name = _topic(Path(path), tuple(by_topic))
-    arm = _heard(f"{path}, {name}", by_topic[name], joints, prefix, limits.gap)
+    items = list(read_bag(path, topics=None if topic is None else (topic,), types=(JOINT_STATE,)))
+    if not items:
+        raise InvalidDemonstrationError(f"{path} has no messages of type {JOINT_STATE}")
+    items = of_one_arm(path, items, joints and [prefix + name for name in joints])
+    name = ", ".join(sorted({item.topic for item in items}))
+    arm = _heard(f"{path}, {name}", items, joints, prefix, limits.gap)
     parts = arm.series()
-    items, cuts = [], []
+    found, cuts = list[Demonstration](), list[Cut]()
     for one, q in (piece for part in parts for piece in _pieces(*part, limits)):
         for start, end, whole in _motions(one, q, limits):
             part = slice(start, end)
@@ -121,27 +121,55 @@ def load_recording(
             large = motion >= limits.motion
             cuts.append(Cut(float(one[start]), float(one[end - 1]), motion, large, whole))
             if large:
-                items.append(Demonstration(one[part] - one[start], q[part]))
-    if not items:
+                found.append(Demonstration(one[part] - one[start], q[part]))
+    if not found:
         largest = max((cut.motion for cut in cuts), default=0.0)
         length = sum(float(times[-1] - times[0]) for times, _ in parts)
         raise InvalidDemonstrationError(
-            f"{path}, {name}: no demonstration in {len(by_topic[name])} joint states over "
+            f"{path}, {name}: no demonstration in {len(items)} joint states over "
             f"{length:.1f} s: the largest motion is {largest:.3g} rad (or m), must be "
             f"{limits.motion:g} at least, faster than {limits.speed:g} rad/s"
         )
-    found = Demonstrations(tuple(items), arm.joints)
-    return Recording(found, tuple(cuts), name, len(by_topic[name]))
+    demonstrations = Demonstrations(tuple(found), arm.joints)
+    return Recording(demonstrations, tuple(cuts), name, len(items))
 
 
-def _topic(path: Path, topics: Sequence[str]) -> str:
-    if not topics:
-        raise InvalidDemonstrationError(f"{path} has no messages of type {JOINT_STATE}")
-    if len(topics) > 1 and USUAL_TOPIC not in topics:
-        raise InvalidRequestError(
-            f"{path} has joint states on {', '.join(sorted(topics))}: one topic must be named"
-        )
-    return topics[0] if len(topics) == 1 else USUAL_TOPIC
+def of_one_arm(
+    path: str | os.PathLike[str], items: Sequence[Recorded], joints: Sequence[str] | None
+) -> list[Recorded]:
+    """The joint states of one arm: of several topics, where none of its joints is on two of them.
+
+    Else those of ``/joint_states``. ``joints``: the arm's, with a prefix, if one is stated; None:
+    any.
+
+    Raises:
+        InvalidRequestError: joints are on two topics, none of which is that one.
+    """
+    mine = dict[str, set[str]]()
+    for item in items:
+        found = {
+            name for name in item.message.name if joints is None or name.endswith(tuple(joints))
+        }
+        mine.setdefault(item.topic, set()).update(found)
+    topics = [topic for topic, names in mine.items() if names] or list(mine)
+    if sum(map(len, mine.values())) > len(set().union(*mine.values())) or joints is None:
+        if len(topics) > 1 and USUAL_TOPIC not in topics:
+            raise InvalidRequestError(
+                f"{path} has joint states on {', '.join(sorted(topics))}: one topic must be named"
+            )
+        topics = topics if len(topics) == 1 else [USUAL_TOPIC]
+    return [item for item in items if item.topic in topics]
+
+
+def tell(arm: Measured, items: Sequence[Recorded]) -> tuple[int, list[InvalidRequestError]]:
+    """Tell an arm its joint states: from when its times count [ns], and the refusals of others."""
+    origin, refusals = stamp_of(items[0]) if items else 0, list[InvalidRequestError]()
+    for item in items:
+        try:
+            hear(arm, item.message, (stamp_of(item) - origin) / NANO)
+        except InvalidRequestError as error:
+            refusals.append(error)
+    return origin, refusals
 
 
 def _heard(
@@ -154,24 +182,20 @@ def _heard(
         names = (item.message.name for item in items)
         joints = next(each for each in names if frozenset(each) == most)
     arm = Measured(joints, prefix=prefix, gap=gap, what=what)
-    refusal, left_out, first = None, 0, _stamp(items[0])
-    for item in items:
-        try:
-            hear(arm, item.message, (_stamp(item) - first) / NANO)
-        except InvalidRequestError as error:
-            refusal, left_out = refusal or error, left_out + 1
-    if refusal is not None:
-        if arm.lacking:
-            raise refusal
+    _, refusals = tell(arm, items)
+    if refusals and arm.lacking:
+        raise refusals[0]
+    if refusals:
         warnings.warn(
-            f"{left_out} of {len(items)} messages are left out: {refusal.message}"
+            f"{len(refusals)} of {len(items)} messages are left out: {refusals[0].message}"
             + ("" if named else "; with the robot, joints of one arm in several messages join"),
             stacklevel=3,
         )
     return arm
 
 
-def _stamp(item: Recorded) -> int:
+def stamp_of(item: Recorded) -> int:
+    """When a message was made, or recorded if that is not stated [ns]."""
     return nanoseconds(item.message.header.stamp) or item.stamp
 
 

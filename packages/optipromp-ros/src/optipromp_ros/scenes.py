@@ -20,6 +20,8 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import shapes
 from optipromp.core.geometry.grids import check_closed
 from optipromp.core.planning.task import posed
+from optipromp.core.robots.description import LinkGeometry
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import unit_quaternion
 from optipromp.core.scenes.scene import ROLES, STEM_RADIUS, Approach, Role, Scene, SceneObject, Stem
@@ -66,6 +68,23 @@ def read_quaternion(item: Message) -> FloatArray:
 def read_pose(item: Message) -> Pose:
     """The pose of a ``geometry_msgs/Pose``."""
     return Pose(vector(item.position), read_quaternion(item.orientation))
+
+
+def links_of(robot: Robot) -> dict[str, LinkGeometry]:
+    """The links that a robot's joints place, by name."""
+    return {link.link: link for link in robot.geometry if link.rigid}
+
+
+def place_of(link: LinkGeometry) -> Pose:
+    """The pose of a link on its segment."""
+    return Pose(link.translation, link.rotation)
+
+
+def root_of(robot: Robot) -> str:
+    """The link whose frame is the base frame."""
+    still = [link for link in links_of(robot).values() if link.segment < 0]
+    here = (link.link for link in still if place_of(link).is_identity)
+    return next(here, robot.link_names[0])
 
 
 def geometry(shape: shapes.Shape) -> dict[str, Any]:
@@ -265,7 +284,10 @@ def read_collision_object(item: Message) -> tuple[SceneObject, ...]:
     Raises:
         InvalidSceneError: a wrong value; the message names object, field and valid values.
     """
-    return read_held(item).items
+    try:
+        return read_held(item).items
+    except InvalidSceneError as error:
+        raise InvalidSceneError(f"collision object {item.id!r}: {error.message}") from None
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,14 +310,11 @@ class Held:
 
 
 def read_held(item: Message) -> Held:
-    """As :func:`read_collision_object`, with the pose of the message and the approach."""
-    try:
-        return _read_held(item)
-    except InvalidSceneError as error:
-        raise InvalidSceneError(f"collision object {item.id!r}: {error.message}") from None
+    """As :func:`read_collision_object`, with the pose of the message and the approach.
 
-
-def _read_held(item: Message) -> Held:
+    Raises:
+        InvalidSceneError: a wrong value; the message names field and valid values.
+    """
     role: Role = next((each for each in ROLES if item.id.startswith(f"{each}/")), "static")
     name = item.id.removeprefix(f"{role}/")
     here = read_pose(item.pose)
@@ -395,7 +414,7 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
         InvalidRobotError: the scene's robot cannot be loaded.
     """
     robot, state = posed(scene)
-    frame = prefix + robot.link_names[0]
+    frame = prefix + root_of(robot)
     adding = [
         collision_object(item, frame, scene.approach if item.role == "target" else None)
         for item in scene.objects

@@ -10,11 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.robots.measured import AT_REST, Measured, values
-from optipromp.core.trajectory import CURVE, State, Trajectory, Unwind, curve, joint_columns
+from optipromp.core.robots.measured import Measured
+from optipromp.core.trajectory import CURVE, State, Trajectory, Unwind, curve
 from optipromp_ros.types import Message, message, read_bag
 
 JOINT_TRAJECTORY = "trajectory_msgs/msg/JointTrajectory"
@@ -215,33 +214,20 @@ def hear(arm: Measured, item: Message, time: float) -> None:
     arm.heard(time, item.name, item.position, item.velocity)
 
 
-def joint_positions(
-    state: Message, joints: Sequence[str], what: str, prefix: str = ""
-) -> FloatArray:
-    """Positions (n,) of ``joints`` in a ``sensor_msgs/JointState`` [rad or m].
-
-    ``prefix`` is as for :func:`optipromp.core.trajectory.joint_columns`.
-    """
-    told = values(state.name, state.position, "positions", what)
-    q = told[joint_columns(state.name, joints, what, prefix)]
-    if not np.isfinite(q).all():
-        bad = int(np.argmin(np.isfinite(q)))
-        raise InvalidRequestError(f"{what}: {joints[bad]} is {q[bad]}: must be finite")
-    return q
-
-
 def joint_motion(state: Message, joints: Sequence[str], what: str, prefix: str = "") -> State:
     """Positions and velocities of ``joints`` in a ``sensor_msgs/JointState``.
 
     Where all velocities are below :data:`optipromp.core.robots.measured.AT_REST`, or the message
-    has none, the joints are at rest. ``prefix`` is as for :func:`joint_positions`.
+    has none, the joints are at rest. ``prefix``: see :class:`optipromp.core.robots.Measured`.
+
+    Raises:
+        InvalidRequestError: a joint is missing, or a wrong value; begins with ``what``.
     """
-    q = joint_positions(state, joints, what, prefix)
-    if not len(state.velocity):
-        return State(q)
-    told = values(state.name, state.velocity, "velocities", what)
-    velocity = told[joint_columns(state.name, joints, what, prefix)]
-    return State(q) if np.abs(velocity).max() < AT_REST else State(q, velocity)
+    arm = Measured(joints, prefix=prefix, what=what)
+    hear(arm, state, 0.0)
+    arm.series()  # tells what is missing
+    assert arm.newest is not None
+    return arm.newest[1]
 
 
 def robot_state(state: State, joints: Sequence[str], prefix: str = "", frame: str = "") -> Message:

@@ -178,10 +178,11 @@ def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:
         items: the messages.
 
     Raises:
-        InvalidRequestError: no messages, the path exists or cannot be written, rosbags is missing.
+        InvalidRequestError: no messages, values that ROS has no bytes for, the path exists or
+            cannot be written, rosbags is missing.
     """
     store = typestore()
-    from rosbags.rosbag2 import StoragePlugin, Writer, WriterError
+    from rosbags.rosbag2 import StoragePlugin, Writer
 
     path, items = Path(path), list(items)
     if not items:
@@ -204,7 +205,7 @@ def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:
                 writer.write(topics[key], stamp, store.serialize_cdr(item, key[1]))
         source = next(made.glob("*.mcap")) if single else made
         source.replace(path)
-    except (OSError, WriterError) as error:
+    except Exception as error:  # values that ROS has no bytes for raise errors of any kind
         raise InvalidRequestError(f"cannot write the bag {path}: {error}") from error
     finally:
         if folder is not None:
@@ -262,9 +263,7 @@ def _as_recorded(reader: Any, chosen: list[Connection]) -> Iterable[tuple[Connec
     Bags whose messages are compressed one by one come as rosbags sorts them.
     """
     storages = getattr(reader.storage, "storages", [reader.storage])
-    if reader.compression_mode == "message" or not all(
-        hasattr(each, "messages_scan") or getattr(each, "dbconn", None) for each in storages
-    ):
+    if reader.compression_mode == "message":
         yield from reader.messages(chosen)
         return
     wanted = {(each.topic, each.msgtype): each for each in chosen}

@@ -1,8 +1,6 @@
 """Bags: written, read back by us and by a reader that is not ours, refusals."""
 
 import sqlite3
-import warnings
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -110,6 +108,10 @@ def test_what_cannot_be_written_is_refused(tmp_path: Path) -> None:
     write_bag(tmp_path / "bag", ITEMS)
     with pytest.raises(InvalidRequestError, match="bag exists: a bag must have a path of its own"):
         write_bag(tmp_path / "bag", ITEMS)
+    large = message("std_msgs/msg/Header", frame_id="a")
+    large.stamp.sec = 2**40
+    with pytest.raises(InvalidRequestError, match="cannot write the bag"):
+        write_bag(tmp_path / "large", [Recorded("/a", large)])
     (tmp_path / "file").touch()
     with pytest.raises(InvalidRequestError, match="cannot write the bag"):
         write_bag(tmp_path / "file" / "bag", ITEMS)
@@ -132,26 +134,6 @@ def test_a_bag_that_was_cut_off_is_refused(tmp_path: Path, share: float) -> None
     (tmp_path / "cut.mcap").write_bytes(data[: int(share * len(data))])
     with pytest.raises(InvalidRequestError, match="is not a readable bag"):
         list(read_bag(tmp_path / "cut.mcap"))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["bag.mcap", "bag.db3", "metadata.yaml"])
-def test_a_damaged_bag_is_read_or_refused(tmp_path: Path, name: str) -> None:
-    """Bytes changed at random: no other error comes out."""
-    random, read = np.random.default_rng(0), 0
-    write_bag(tmp_path / "bag.mcap", ITEMS)
-    write_bag(tmp_path / "bag", ITEMS)
-    file = tmp_path / name if name == "bag.mcap" else tmp_path / "bag" / name
-    whole = np.frombuffer(file.read_bytes(), dtype=np.uint8)
-    for _ in range(100):
-        damaged = whole.copy()
-        damaged[random.integers(0, len(whole), 3)] = random.integers(0, 256, 3)
-        file.write_bytes(damaged.tobytes())
-        with suppress(InvalidRequestError), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a type whose name was changed
-            list(read_bag(tmp_path / "bag.mcap" if name == "bag.mcap" else tmp_path / "bag"))
-            read += 1
-    assert read < 90
 
 
 def test_a_bag_of_ros_1_says_how_to_convert_it(tmp_path: Path) -> None:

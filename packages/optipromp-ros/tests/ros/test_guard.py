@@ -61,7 +61,7 @@ def test_states_that_stop_are_a_stop() -> None:
     stopped(arm, silent[late - 1], silent[late:])
     status = arm.filter.status()
     assert status.level == ERROR
-    assert status.message == "joint states are 0.80 s old"
+    assert status.message.startswith("joint states are 0.80 s old")
     again = list(arm.cycles(10))  # it goes on from where it stands
     assert np.abs(np.diff([silent[-1], *again], axis=0)).max() <= 0.02 * arm.limits.acceleration[0]
     assert again[-1][0] > 0.1
@@ -70,13 +70,15 @@ def test_states_that_stop_are_a_stop() -> None:
 
 def test_states_that_are_not_understood_are_none() -> None:
     arm = Arm()
-    list(arm.cycles(20))
+    *_, before = arm.cycles(20)
     sent = []
     for _ in range(40):
-        with pytest.raises(InvalidRequestError, match="joint3 is nan"):
-            arm.state(np.where(np.arange(7) == 2, np.nan, arm.q))
+        arm.state(np.where(np.arange(7) == 2, np.nan, arm.q))
         sent += arm.cycles(1, heard=False)
-    stopped(arm, sent[4], sent[5:])
+    stopped(arm, before, sent)
+    assert "joint3 is nan" in arm.filter.status().message
+    with pytest.raises(InvalidRequestError, match="is missing; it names finger"):
+        arm.filter.heard(message("sensor_msgs/msg/JointState", name=["finger"], position=[0.0]), 0)
 
 
 def test_a_clock_that_is_set_back_does_not_keep_a_state_young() -> None:
@@ -84,7 +86,7 @@ def test_a_clock_that_is_set_back_does_not_keep_a_state_young() -> None:
     before = list(arm.cycles(20))[-1]
     arm.now -= 10**10
     stopped(arm, before, list(arm.cycles(40, heard=False)))
-    assert arm.filter.status().message.startswith("joint states are -")
+    assert arm.filter.status().message.startswith("joint states are 9.20 s ahead of the clock")
 
 
 def test_what_cannot_be_decided_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,7 +102,7 @@ def test_before_the_first_state_it_sends_zeros() -> None:
     arm = Arm()
     assert not np.array(list(arm.cycles(3, heard=False))).any()
     assert arm.filter.status().level == ERROR
-    assert arm.filter.status().message == "no joint states"
+    assert arm.filter.status().message == "no joint states were heard"
 
 
 def test_the_status_says_why_the_command_is_another() -> None:
@@ -109,3 +111,12 @@ def test_the_status_says_why_the_command_is_another() -> None:
     list(arm.cycles(1))
     assert arm.filter.status().level == WARN
     assert arm.filter.status().message == "the action is not finite"
+
+
+def test_three_velocities_are_of_the_tool_and_other_numbers_are_refused() -> None:
+    arm = Arm()
+    arm.wish = np.array([0.0, 0.0, 0.1])
+    *_, sent = arm.cycles(20)
+    assert np.abs(sent).max() > 0.05
+    with pytest.raises(InvalidRequestError, match="2 values: must be 7 velocities of joints, or 3"):
+        arm.filter.heard(message(COMMAND, data=[0.0, 0.0]), 0)

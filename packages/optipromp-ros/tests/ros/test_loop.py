@@ -174,40 +174,14 @@ def test_where_no_state_comes_the_arm_stops_on_its_curve() -> None:
     assert done.outcome.success, done.outcome.message
 
 
-def test_clocks_that_are_set_while_the_arm_stands_leave_no_old_state() -> None:
-    """The next cycle has the newest state, whatever its stamp, and not one that lies ahead."""
-    used = []
-
-    class Spy:
-        """Notes which states the controller gets."""
-
-        def __init__(self, real: Controller) -> None:
-            self.real = real
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self.real, name)
-
-        def __call__(self, time: float, measured: State, reference: State) -> Stretch | None:
-            used.append((time, measured.q[0] - START.q[0]))
-            return self.real(time, measured, reference)
-
+def test_states_that_are_ahead_of_the_clock_are_not_used() -> None:
     loop = PickLoop(SCENE, prefix="fr3_")
-    loop.controller = Spy(loop.controller)
-    for k in range(200):
-        stamp = EPOCH + k * 20_000_000 - (3_000_000_000 if k >= 20 else 0)
-        loop.heard(joints(State(START.q + 0.001 * k * np.eye(7)[0]), stamp))
-        if k == 20:  # one from before comes late, and looks as if it were ahead
-            loop.heard(joints(START, EPOCH + k * 20_000_000))
-        loop.tick(stamp + 1_000_000)
-    times, places = np.array(used).T
-    assert len(used) >= 197
-    np.testing.assert_allclose(places, 0.05 * (times - 0.001), atol=1e-9)
+    loop.heard(joints(START, EPOCH))
+    loop.tick(EPOCH + 1_000_000)
     loop.heard(joints(START, EPOCH + 60_000_000_000))
-    assert loop.tick(stamp + 21_000_000) is None
-    assert (loop.status().level, loop.status().message) == (
-        1,
-        "joint states are ahead of the clock",
-    )
+    assert loop.tick(EPOCH + 21_000_000) is None
+    status = loop.status()
+    assert (status.level, status.message) == (1, "joint states are ahead of the clock")
 
 
 def test_detections_become_a_look() -> None:
@@ -316,21 +290,3 @@ def test_an_arm_of_two_drivers_is_known_and_one_without_the_other_is_not() -> No
             loop.heard(part(START.q, EPOCH + 20_000_000 * k + 5_000_000, wrist))
         loop.tick(EPOCH + 20_000_000 * k + 6_000_000)
         assert loop.status().message == ("looking" if k < 14 else "joint states are old")
-
-
-def test_with_a_prefix_the_joints_of_another_arm_are_not_read() -> None:
-    loop = PickLoop(SCENE, prefix="fr3_")
-    for prefix in ("left_", ""):
-        with pytest.raises(InvalidRequestError, match=r"joint fr3_joint1, .* is missing"):
-            loop.heard(part(START.q, EPOCH, np.arange(7), prefix))
-    loop.tick(EPOCH + 1_000_000)
-    assert loop.status().message == "no joint states"
-
-
-def test_across_a_gap_no_detection_is_placed() -> None:
-    loop = PickLoop(SCENE, prefix="fr3_")
-    loop.heard(frames(0, ("fr3_flange", "camera", Pose())))
-    for stamp in (EPOCH, EPOCH + 300_000_000):
-        loop.heard(joints(START, stamp))
-    with pytest.raises(InvalidRequestError, match=r"no joint states came for 0.300 s"):
-        loop.heard(array(stamp=EPOCH + 150_000_000))

@@ -114,7 +114,7 @@ def test_across_a_gap_and_outside_of_what_was_heard_nobody_knows() -> None:
     one = arm()
     with pytest.raises(InvalidRequestError, match="joint states must come first"):
         one.at(0.0)
-    assert (one.newest, one.age(3.0)) == (None, np.inf)
+    assert one.newest is None
     for time in (0.0, 0.1, 0.2, 0.5, 0.6):
         one.heard(time, JOINTS, moved(time)[0])
     np.testing.assert_allclose(one.at(0.15), moved(0.15)[0])
@@ -128,7 +128,6 @@ def test_across_a_gap_and_outside_of_what_was_heard_nobody_knows() -> None:
     ):
         with pytest.raises(InvalidRequestError, match=words):
             one.at(time)
-    assert one.age(1.0) == pytest.approx(0.4)
 
 
 def test_a_driver_that_falls_silent_makes_the_arm_old() -> None:
@@ -138,7 +137,6 @@ def test_a_driver_that_falls_silent_makes_the_arm_old() -> None:
         one.heard(time, JOINTS[:2], moved(time)[0, :2])
         if k < 50:
             one.heard(time, JOINTS[2:], moved(time)[0, 2:])
-    assert one.age(1.98) == pytest.approx(1.0)
     with pytest.raises(InvalidRequestError, match=r"1\.000 s after the newest joint states"):
         one.at(1.98)
     for k in range(100, 200):

@@ -6,6 +6,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from importlib import import_module
 from multiprocessing import get_context
+from threading import Lock
 from time import monotonic_ns, sleep
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,10 @@ HERE = 1.0  # [s] in which a controller that runs is found: a choice
 ACCEPTS = 5.0  # [s] in which a controller accepts a goal, or rejects it: a choice
 LATE = 10.0  # [s] after a motion in which its result comes: a choice
 SUCCEEDED = 4  # of action_msgs/GoalStatus
+WAITING = 20
+"""Messages of a topic that wait to be heard, at most, chosen: an arm's states are not pushed out by
+its gripper's while a cycle runs, and 20 of an arm at 1 kHz are 20 ms late."""
+OBJECTS = 1000  # likewise, of a scene, whose messages may come all at once
 
 
 @command(reports=False)
@@ -103,10 +108,25 @@ def ros_node(
             _pick(pick, seen, execute or "~/joint_trajectory")
         return
     settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
-    _serve(LiveScene.of(optipromp.load_scene(scene), prefix), settings, execute)
+    _serve(_World(LiveScene.of(optipromp.load_scene(scene), prefix)), settings, execute)
 
 
-def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) -> None:
+class _World:
+    """The world as it is known, which messages change one by one, whatever their threads."""
+
+    def __init__(self, known: "LiveScene") -> None:
+        self.known, self._lock = known, Lock()
+
+    def change(
+        self, after: Callable[["LiveScene"], "LiveScene"]
+    ) -> tuple["LiveScene", "LiveScene"]:
+        """Make it what is ``after`` it; the world before and after."""
+        with self._lock:
+            before, self.known = self.known, after(self.known)
+            return before, self.known
+
+
+def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None:
     """Carry messages between ROS and :func:`optipromp_ros.answer` until the node is shut down.
 
     Messages are heard while a plan is made or executed, so that where the arm is stays known.
@@ -126,25 +146,26 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
         return int(node.get_clock().now().nanoseconds)
 
     def tell(level: int, words: str) -> None:
-        status(diagnostic(level, "plan", words, world.robot.name))
+        status(diagnostic(level, "plan", words, world.known.robot.name))
 
     def heard(item: Message, topic: str) -> None:
-        nonlocal world
-        before, world = world, world.heard(item, now())
-        if world.arm.why and world.arm is not before.arm:
-            warn(f"{topic}: {world.arm.why}")
-        for what, why in world.unknown.items():
+        before, after = world.change(lambda known: known.heard(item, now()))
+        if after.arm.why and after.arm is not before.arm:
+            warn(f"{topic}: {after.arm.why}")
+        for what, why in after.unknown.items():
             if before.unknown.get(what) != why:
                 node.get_logger().warning(f"{topic}: {why}")
                 tell(WARN, f"not understood: {why}")
 
     def lost(topic: str, why: str) -> None:
-        nonlocal world
-        world = world.marked(f"message of {topic}", f"a message of {topic}: {why}")
+        what, told = f"message of {topic}", f"a message of {topic}: {why}"
+        world.change(lambda known: known.marked(what, told))
 
     def plan(request: Any, response: Any) -> Any:
+        for waiting in topics:
+            waiting()
         asked = copied(request.motion_plan_request, "moveit_msgs/msg/MotionPlanRequest")
-        found = answer(world, asked, now=now(), **settings)
+        found = answer(world.known, asked, now=now(), **settings)
         if found.display is not None:
             display(found.display)
         if found.trajectory is not None:
@@ -163,14 +184,14 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
         """Publish a plan, and have the controller execute it to its end."""
         assert found.plan is not None
         motion = found.plan.trajectory
+
+        def ready() -> None:
+            world.known.arm.begins(motion.at(0.0), now())
+            publish(found.trajectory)
+
         if controller is None:
             publish(found.trajectory)
             return
-
-        def ready() -> None:
-            world.arm.begins(motion.at(0.0), world.joints, now())
-            publish(found.trajectory)
-
         controller(found.trajectory, motion.duration, ready)
         found.response.error_code.message += f"; {execute} executed it"
 
@@ -181,9 +202,15 @@ def _serve(world: "LiveScene", settings: dict[str, Any], execute: str | None) ->
     display = _publisher(node, "display_planned_path", "moveit_msgs/msg/DisplayTrajectory")
     status = _publisher(node, "~/status", STATUS)
     controller = _controller(node, execute, lambda words: tell(OK, words)) if execute else None
-    _listen(node, "planning_scene", "moveit_msgs/msg/PlanningScene", heard, lost=lost)
-    _listen(node, "collision_object", "moveit_msgs/msg/CollisionObject", heard, lost=lost)
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
+    heard_of = (
+        ("planning_scene", "moveit_msgs/msg/PlanningScene", OBJECTS, lost),
+        ("collision_object", "moveit_msgs/msg/CollisionObject", OBJECTS, lost),
+        ("joint_states", "sensor_msgs/msg/JointState", WAITING, None),
+    )
+    topics = [
+        _listen(node, topic, name, heard, depth, gone is not None, lost=gone)
+        for topic, name, depth, gone in heard_of
+    ]
     node.create_service(
         GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
     )  # beside that of what is heard
@@ -255,6 +282,7 @@ def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) ->
         filtered.heard(item, node.get_clock().now().nanoseconds)
 
     def tick() -> None:
+        states()
         send(filtered.tick(node.get_clock().now().nanoseconds))
         status(filtered.status())
 
@@ -263,7 +291,7 @@ def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) ->
     send = _publisher(node, moved, COMMAND)
     status = _publisher(node, "~/status", STATUS)
     _listen(node, asked, COMMAND, heard, 1)  # the newest
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard, 1)
+    states = _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
     _listen(node, detections, DETECTIONS, heard)
     period = filtered.guard.parameters.period
     node.create_timer(period, tick)
@@ -295,14 +323,29 @@ def _listen(
     topic: str,
     name: str,
     take: Callable[["Message", str], None],
-    qos: Any = 10,
+    depth: int = WAITING,
+    reliable: bool = False,
+    kept: bool = False,
     lost: Callable[[str, str], None] | None = None,
-) -> None:
+) -> Callable[[], None]:
     """Let ``take`` have the messages of a topic, as they came: rclpy's ``serialize_message`` puts
     bytes of no meaning behind them.
 
-    ``lost``: it hears of each message that cannot be decoded, as another release's.
+    Returns what has it take all that wait: an executor takes one of a topic between two cycles.
+
+    Args:
+        node: of rclpy.
+        topic: its name.
+        name: of its type.
+        take: what gets each message, and the topic.
+        depth: how many of them may wait.
+        reliable: no message may be lost; else senders of both kinds are heard, as drivers' best
+            effort.
+        kept: also what was sent before, as tf2 sends it.
+        lost: it hears of each message that cannot be decoded, as another release's.
     """
+    from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+
     from optipromp_ros import from_bytes
 
     warn = _warner(node)
@@ -320,7 +363,24 @@ def _listen(
         except OptiPrompError as error:
             warn(f"{topic}: {error}")
 
-    node.create_subscription(_kind(name), topic, heard, qos, raw=True)
+    qos = QoSProfile(
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
+    )
+
+    def hear(data: bytes) -> None:
+        heard(data)
+        waiting()
+
+    def waiting() -> None:
+        for _ in range(depth):
+            if (taken := made.handle.take_message(made.msg_type, True)) is None:
+                return
+            heard(taken[0])
+
+    made = node.create_subscription(_kind(name), topic, hear, qos, raw=True)
+    return waiting
 
 
 def _warner(node: Any) -> Callable[[str], None]:
@@ -386,13 +446,13 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     """Carry messages between ROS and the loop until the pick has ended and its curve is sent."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
-    from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data
 
-    from optipromp_ros.images import PICTURES
+    from optipromp_ros.frames import TF
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
     from optipromp_ros.types import STATUS
 
     def tick() -> None:
+        states()
         clock = node.get_clock()
         steady = None if clock.ros_time_is_active else monotonic_ns()  # a simulation's may be slow
         made = loop.tick(clock.now().nanoseconds, steady)
@@ -406,12 +466,10 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     node = rclpy.create_node("optipromp")
     curve = _publisher(node, moved, JOINT_TRAJECTORY)
     status = _publisher(node, "~/status", STATUS)
-    kept = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)  # as tf2 sends it
-    _listen(node, "/tf_static", "tf2_msgs/msg/TFMessage", loop.heard, kept)
-    _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard, 1)  # the newest
+    _listen(node, "/tf_static", TF, loop.heard, reliable=True, kept=True)
+    states = _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard)
     for topic, name in seen.items():
-        qos = qos_profile_sensor_data if name in PICTURES else 10
-        _listen(node, topic, name, loop.heard, qos)
+        _listen(node, topic, name, loop.heard, 5)  # pictures are large
     node.create_timer(loop.controller.parameters.period, tick)
     with suppress(ExternalShutdownException):
         rclpy.spin(node)

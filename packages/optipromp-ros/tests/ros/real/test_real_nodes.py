@@ -22,10 +22,21 @@ for package in ("moveit_msgs", "control_msgs", "tf2_msgs", "vision_msgs"):
 
 from control_msgs.action import FollowJointTrajectory  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticStatus  # noqa: E402
-from moveit_msgs.msg import CollisionObject, DisplayTrajectory, PlanningScene  # noqa: E402
+from geometry_msgs.msg import Pose as PoseMessage  # noqa: E402
+from moveit_msgs.msg import (  # noqa: E402
+    CollisionObject,
+    Constraints,
+    DisplayTrajectory,
+    JointConstraint,
+    MotionPlanRequest,
+    OrientationConstraint,
+    PlanningScene,
+    PositionConstraint,
+    RobotState,
+)
 from moveit_msgs.srv import GetMotionPlan  # noqa: E402
 from rclpy.action import ActionServer, GoalResponse  # noqa: E402
-from rclpy.qos import DurabilityPolicy, QoSProfile  # noqa: E402
+from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # noqa: E402
 from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
@@ -33,10 +44,16 @@ from tests.perception.shots import shot_of  # noqa: E402
 from tests.ros.camera_messages import FRAME, compressed, frames, image, info  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
+from typer.testing import CliRunner  # noqa: E402
 
-from optipromp.core.scenes import load_scene  # noqa: E402
+from optipromp.cli.main import app  # noqa: E402
+from optipromp.core.planning.task import posed  # noqa: E402
+from optipromp.core.scenes import Pose, load_scene  # noqa: E402
+from optipromp.core.scenes.hand import tool_frame  # noqa: E402
 from optipromp.core.scenes.io import save_scene  # noqa: E402
-from optipromp_ros import planning_scene, to_bytes  # noqa: E402
+from optipromp_ros import message, planning_scene, to_bytes  # noqa: E402
+from optipromp_ros.frames import known_frames  # noqa: E402
+from optipromp_ros.scenes import pose_message  # noqa: E402
 from optipromp_ros.trajectories import time_message  # noqa: E402
 from optipromp_sim.generate import generate  # noqa: E402
 
@@ -107,115 +124,220 @@ def real(item: Any, kind: Any) -> Any:
     return deserialize_message(to_bytes(item), kind)
 
 
-def state(node: Any, q: Any = SCENE.start) -> JointState:
+def state(node: Any, q: Any = SCENE.start, names: Any = NAMES) -> JointState:
     """As most drivers send it: without efforts."""
-    made = JointState(name=NAMES, position=list(map(float, q)), velocity=[0.0] * 7)
+    made = JointState(name=names, position=list(map(float, q)), velocity=[0.0] * len(q))
     made.header.stamp = node.get_clock().now().to_msg()
     return made
 
 
-def test_the_planning_service_with_the_messages_of_moveit(node: Any, start: Any) -> None:
-    """A planning scene, an object and the arm in; a plan out, which an action server executes."""
-    begin, executed, shown, said = SCENE.start + 0.01, [], [], []
+def joints(q: Any, names: Any = NAMES) -> Any:
+    """A goal of ``moveit_msgs/Constraints``: a configuration, or some joints of one."""
+    pairs = zip(names, map(float, q), strict=True)
+    return Constraints(
+        joint_constraints=[JointConstraint(joint_name=n, position=x) for n, x in pairs]
+    )
+
+
+def place(pose: Pose, link: str = "tool", frame: str = "fr3_link0", alone: bool = False) -> Any:
+    """One of a position, and of an orientation unless it is ``alone``."""
+    at = PositionConstraint(link_name=link)
+    at.header.frame_id = frame
+    where = real(pose_message(pose), PoseMessage)
+    at.constraint_region.primitive_poses = [where]
+    turn = OrientationConstraint(link_name=link, header=at.header, orientation=where.orientation)
+    return Constraints(position_constraints=[at], orientation_constraints=[] if alone else [turn])
+
+
+ROBOT, START = posed(SCENE)
+THERE = np.array(START.q) + [0.2, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
+TOOL, FAR = tool_frame(ROBOT, THERE), Pose([3.0, 0.0, 0.0])
+HERE = known_frames(ROBOT, q=START.q)
+LEFT = [f"left_joint{k}" for k in range(1, 8)]
+
+
+def requests() -> dict[str, tuple[dict[str, Any], str]]:
+    """Of each kind: its fields, and what the answer begins with or says."""
+    unturned = place(TOOL)
+    unturned.orientation_constraints[0].orientation.w = 9.0
+    goals = {
+        "a configuration": (joints(THERE), "success"),
+        "some joints": (joints(THERE[:2], NAMES[:2]), "success"),
+        "a position alone": (place(TOOL, alone=True), "success"),
+        "a pose": (place(TOOL), "success"),
+        "a pose of the flange": (place(HERE["flange"], "fr3_flange"), "success"),
+        "a pose of the last link in its frame": (place(Pose(), *["fr3_link7"] * 2), "success"),
+        "out of reach": (place(FAR), "GOAL_UNREACHABLE"),
+        "beyond a limit": (joints([9.0], NAMES[:1]), "outside its limits"),
+        "no number": (joints([np.nan], NAMES[:1]), "must be finite"),
+        "no turn": (unturned, "unit quaternion"),
+        "a link that is none": (place(TOOL, "hand"), "link_name is 'hand'"),
+        "a frame that is none": (place(TOOL, frame="map"), "frame_id is 'map'"),
+    }
+    begins = {
+        "elsewhere": (JointState(name=NAMES, position=THERE), "not executed: the plan begins 0.2"),
+        "another arm": (JointState(name=LEFT, position=THERE), "joint fr3_joint1, "),
+        "half an arm": (JointState(name=NAMES[:3], position=[0.0] * 3), "joint fr3_joint4, "),
+    }
+    return {
+        "the target": ({}, "success"),
+        "alternatives": ({"goal_constraints": [place(FAR), joints(THERE)]}, "success"),
+        "another planner": ({"planner_id": "RRT"}, "planner_id is 'RRT'"),
+        "no time": ({"allowed_planning_time": np.nan}, "allowed_planning_time is nan"),
+        "too fast": ({"max_velocity_scaling_factor": 2.0}, "max_velocity_scaling_factor is 2"),
+        **{kind: ({"goal_constraints": [one]}, words) for kind, (one, words) in goals.items()},
+        **{
+            kind: ({"start_state": RobotState(joint_state=one)}, words)
+            for kind, (one, words) in begins.items()
+        },
+    }
+
+
+ACTION = "/arm/follow_joint_trajectory"
+
+
+class Asker:
+    """Whoever asks the planning service: with an arm, its gripper and another arm on one topic.
+
+    ``quality``: of the joint states, which are of an arm that stands at the scene's start.
+    """
+
+    def __init__(self, node: Any, start: Any, scene: str, quality: Any = 10) -> None:
+        self.node, self.said, self.shown = node, list[str](), list[Any]()
+        self.states = node.create_publisher(JointState, "joint_states", quality)
+        self.objects = node.create_publisher(CollisionObject, "collision_object", 10)
+        self.scenes = node.create_publisher(PlanningScene, "planning_scene", 10)
+        node.create_subscription(DisplayTrajectory, "display_planned_path", self.shown.append, 10)
+        node.create_subscription(
+            DiagnosticStatus, "/optipromp/status", lambda item: self.said.append(item.message), 99
+        )
+        self.client = node.create_client(GetMotionPlan, "/optipromp/plan")
+        start("-m", "optipromp", "ros-node", scene, "--prefix", "fr3_", "--execute", ACTION)
+        until(node, self.client.service_is_ready)
+        every = self.states, self.objects, self.scenes
+        until(node, lambda: min(each.get_subscription_count() for each in every) > 0)
+
+    def speak(self) -> None:
+        for names, q in ((NAMES, START.q), (LEFT, THERE), (["fr3_finger_joint1"], [0.04])):
+            self.states.publish(state(self.node, q, names))
+
+    def wait(self, each: Any = None) -> None:
+        end = time.monotonic() + 1.0
+        until(self.node, lambda: time.monotonic() > end, each=each)
+
+    def ask(self, each: Any = None, **fields: Any) -> Any:
+        made = GetMotionPlan.Request()
+        made.motion_plan_request = MotionPlanRequest(group_name="arm", **fields)
+        answer = self.client.call_async(made)
+        until(self.node, answer.done, each=each)
+        return answer.result().motion_plan_response
+
+
+def test_the_planning_service_answers_each_kind_of_request(node: Any, start: Any) -> None:
+    """A planning scene, an object and the arm in; plans out, which an action server executes."""
+    executed = []
 
     def execute(goal: Any) -> Any:
         executed.append(goal.request.trajectory)
         goal.succeed()
         return FollowJointTrajectory.Result()
 
-    server = ActionServer(node, FollowJointTrajectory, "/arm/follow_joint_trajectory", execute)
-    node.create_subscription(DisplayTrajectory, "display_planned_path", shown.append, 10)
-    node.create_subscription(DiagnosticStatus, "/optipromp/status", said.append, 10)
-    scenes = node.create_publisher(PlanningScene, "planning_scene", 10)
-    objects = node.create_publisher(CollisionObject, "collision_object", 10)
-    states = node.create_publisher(JointState, "joint_states", 10)
-    client = node.create_client(GetMotionPlan, "/optipromp/plan")
-    call = ["-m", "optipromp", "ros-node", "scenario-4", "--prefix", "fr3_"]
-    start(*call, "--execute", "/arm/follow_joint_trajectory")
-    whole = planning_scene(SCENE, "fr3_")
-    scene = real(whole, PlanningScene)
+    server = ActionServer(node, FollowJointTrajectory, ACTION, execute)
+    asker = Asker(node, start, "scenario-4", qos_profile_sensor_data)
+    scene = real(planning_scene(SCENE, "fr3_"), PlanningScene)
     apart = scene.world.collision_objects.pop()  # comes by itself
-    until(node, client.service_is_ready)
-    until(node, lambda: min(p.get_subscription_count() for p in (scenes, objects, states)) > 0)
-    scenes.publish(scene)
-    end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end)
-    objects.publish(apart)
-    asked = GetMotionPlan.Request()
-    asked.motion_plan_request.group_name = "arm"
-    answer = client.call_async(asked)
-    until(node, answer.done)
-    refused = answer.result().motion_plan_response.error_code
-    assert "no joint states were heard" in refused.message
-    standing = {"each": lambda: states.publish(state(node, begin))}
-    end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, **standing)
-    answer = client.call_async(asked)
-    until(node, lambda: answer.done() and executed and shown, **standing)
-    found = answer.result().motion_plan_response
-    assert found.error_code.val == 1, found.error_code.message
-    assert found.error_code.message.endswith("; /arm/follow_joint_trajectory executed it")
-    until(node, lambda: said and said[-1].message == found.error_code.message)
-    assert "/arm/follow_joint_trajectory accepted the plan" in {item.message for item in said}
-    assert found.group_name == "arm"
-    (motion,) = executed
-    assert list(motion.joint_names) == NAMES
-    np.testing.assert_allclose(motion.points[0].positions, begin, atol=1e-9)
-    assert motion == found.trajectory.joint_trajectory
-    assert len(shown[0].trajectory) == 1
-    asked.motion_plan_request.planner_id = "RRT"
-    answer = client.call_async(asked)
-    until(node, answer.done)
-    assert "planner_id is 'RRT'" in answer.result().motion_plan_response.error_code.message
+    asker.scenes.publish(scene)
+    asker.wait()
+    asker.objects.publish(apart)
+    assert "no joint states were heard" in asker.ask().error_code.message
+    asker.wait(asker.speak)
+    for kind, (fields, words) in requests().items():
+        found = asker.ask(asker.speak, **fields)
+        told = found.error_code.message
+        assert told.startswith(words) or (words != "success" and words in told), (kind, told)
+        assert (found.error_code.val == 1) == (words == "success"), (kind, told)
+        until(node, lambda told=told: told in asker.said[-1:], each=asker.speak)
+        if words != "success":
+            assert not found.trajectory.joint_trajectory.points
+            continue
+        assert told.endswith(f"; {ACTION} executed it")
+        motion = executed.pop()
+        assert motion == found.trajectory.joint_trajectory
+        assert (found.group_name, list(motion.joint_names)) == ("arm", NAMES)
+        np.testing.assert_allclose(motion.points[0].positions, START.q, atol=1e-9)
+        end_at = np.array(motion.points[-1].positions)
+        if kind in ("a configuration", "some joints", "alternatives"):
+            np.testing.assert_allclose(end_at, THERE, atol=1e-3)
+        elif kind != "the target":
+            where = HERE["tool"] if "pose of the" in kind else TOOL
+            off = tool_frame(ROBOT, end_at).position - where.position
+            assert np.linalg.norm(off) < 2e-3, kind
+    assert f"{ACTION} accepted the plan" in asker.said
+    assert not executed
+    assert len(asker.shown[0].trajectory) == 1
     server.destroy()
 
 
-@pytest.mark.parametrize("server", ["absent", "rejects", "aborts"])
-def test_what_a_controller_does_with_a_plan_is_told(node: Any, start: Any, server: str) -> None:
-    """An obstacle in an unknown frame comes before, while a gripper speaks on the same topic."""
+def test_what_is_not_understood_is_told_once_each(node: Any, start: Any, tmp_path: Path) -> None:
+    """An obstacle in an unknown frame, and a message that cannot be decoded."""
+    asker, crate = Asker(node, start, "scenario-3"), CollisionObject(id="crate")
+    crate.header.frame_id = "camera"
+    for _ in range(3):
+        asker.objects.publish(crate)
+        asker.objects.publish(to_bytes(message("moveit_msgs/msg/CollisionObject"))[:40])
+    asker.wait(asker.speak)
+    told = asker.ask(asker.speak).error_code.message
+    assert told.startswith("INVALID_SCENE: not understood: ")
+    assert "collision object 'crate': header.frame_id is 'camera'" in told
+    assert "a message of collision_object: 40 bytes are no moveit_msgs" in told
+    log = (tmp_path / "0.log").read_text()
+    assert log.count("collision object 'crate'") == log.count("40 bytes are no") == 1
+    asker.scenes.publish(real(planning_scene(SCENE, "fr3_"), PlanningScene))  # all is told anew
+    asker.wait(asker.speak)
+    assert asker.ask(asker.speak).error_code.message.startswith("EXECUTION_FAILED: no controller")
 
-    def abort(goal: Any) -> Any:
-        goal.abort()
+
+@pytest.mark.parametrize(
+    ("server", "words"),
+    [
+        ("rejects", "rejected the plan"),
+        ("is silent", "gave no answer to the goal within 5.0 s: the arm may move"),
+        ("aborts", "did not reach the end: status 6 (must be 4), error_code -4 'too far'"),
+        ("fails", "status 4 (must be 4), error_code -4"),
+        ("does not end", "gave no result within"),
+    ],
+)
+def test_what_a_controller_does_with_a_plan_is_told(
+    node: Any, start: Any, server: str, words: str
+) -> None:
+    def execute(goal: Any) -> Any:
+        if server == "does not end":
+            time.sleep(20.0)
+        goal.abort() if server == "aborts" else goal.succeed()
         return FollowJointTrajectory.Result(error_code=-4, error_string="too far")
 
     def accept(_: Any) -> Any:
+        time.sleep(6.0 if server == "is silent" else 0.0)
         return GoalResponse.REJECT if server == "rejects" else GoalResponse.ACCEPT
 
-    name = "/arm/follow_joint_trajectory"
-    if server != "absent":
-        made = ActionServer(node, FollowJointTrajectory, name, abort, goal_callback=accept)
-    states = node.create_publisher(JointState, "joint_states", 10)
-    objects = node.create_publisher(CollisionObject, "collision_object", 10)
-    client = node.create_client(GetMotionPlan, "/optipromp/plan")
-    start("-m", "optipromp", "ros-node", "scenario-3", "--prefix", "fr3_", "--execute", name)
-    until(node, client.service_is_ready)
-    until(node, lambda: min(p.get_subscription_count() for p in (states, objects)) > 0)
+    made = ActionServer(node, FollowJointTrajectory, ACTION, execute, goal_callback=accept)
+    asker = Asker(node, start, "scenario-3")
+    asker.wait(asker.speak)
+    found = asker.ask(asker.speak, goal_constraints=[joints(THERE)])
+    assert found.error_code.message.startswith("EXECUTION_FAILED"), found.error_code.message
+    assert words in found.error_code.message
+    assert not found.trajectory.joint_trajectory.points
+    made.destroy()
 
-    def speak() -> None:
-        states.publish(state(node))
-        states.publish(JointState(name=["fr3_finger_joint1"], position=[0.04]))
 
-    def asked() -> str:
-        answer = client.call_async(GetMotionPlan.Request())
-        until(node, answer.done, each=speak)
-        return str(answer.result().motion_plan_response.error_code.message)
-
-    crate = CollisionObject(id="crate")
-    crate.header.frame_id = "camera"
-    objects.publish(crate)
-    end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, each=speak)
-    assert asked().startswith("INVALID_SCENE: not understood: collision object 'crate'")
-    crate.operation = CollisionObject.REMOVE
-    objects.publish(crate)
-    end = time.monotonic() + 1.0
-    until(node, lambda: time.monotonic() > end, each=speak)
-    words = {"absent": "no controller has", "rejects": "rejected the plan", "aborts": "too far"}
-    told = asked()
-    assert told.startswith("EXECUTION_FAILED"), told
-    assert words[server] in told
-    if server != "absent":
-        made.destroy()
+def test_roles_and_topics_that_are_none_are_refused() -> None:
+    for option, text, told in (
+        ("role", "red", "--role is 'red'"), ("role", "red=static", "role of class 'red'"),
+        ("pictures", "/a,/b", "must be the topics of colour, depth and camera_info"),
+    ):  # fmt: skip
+        call = ["ros-node", "scenario-4", "--loop", f"--{option}", text]
+        result = CliRunner().invoke(app, call)
+        assert (result.exit_code, told in result.stderr) == (2, True)
 
 
 @pytest.mark.parametrize("end", ["silence", "SIGTERM"])

@@ -455,7 +455,7 @@ def _loaded(path: Path, changed: int) -> list[tuple[str | None, FloatArray]]:
 def _panda(robot: Robot) -> list[tuple[str, int, Solids]]:
     """As :func:`_given`, of the maker's meshes of the built-in Panda where they are installed."""
     folder = _models()
-    if robot.name != "panda" or robot.geometry or folder is None:
+    if robot.name != "panda" or folder is None or any(link.shapes for link in robot.geometry):
         return []
     out = []
     for segment in range(-1, robot.n_segments):

@@ -220,10 +220,10 @@ def build(
     assumed = np.array([SLIDE if k in slides else TURN for k in range(len(names))])
     fastest = _per_joint(path, "acceleration", entry.acceleration, names, assumed)
     geometry = []
-    for link, place in chain.placements.items():
-        looks, at = model.links[link].visuals, (place.segment, place.rotation, place.translation)
-        if shapes := model.links[link].collisions or looks:
-            geometry.append(LinkGeometry(link, *at, shapes, model.path, looks))
+    for link, (segment, turn, at, _, rigid) in chain.placements.items():
+        looks = model.links[link].visuals
+        shapes = model.links[link].collisions or looks
+        geometry.append(LinkGeometry(link, segment, turn, at, shapes, model.path, looks, rigid))
     robot = Robot(  # with a bare flange and no self-collision pairs
         name=entry.name,
         joint_names=names,

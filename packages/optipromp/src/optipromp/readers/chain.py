@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import NamedTuple
 
 import numpy as np
 
@@ -224,8 +225,7 @@ class Tree:
 _NONE: Mapping[str, float] = MappingProxyType({})
 
 
-@dataclass(frozen=True)
-class Placement:
+class Placement(NamedTuple):
     """The place of a link on its segment: x_segment = rotation @ x_link + translation.
 
     ``segment`` is -1 for the fixed base. ``driver`` names the off-chain joint, driven by a joint of
@@ -236,6 +236,7 @@ class Placement:
     rotation: FloatArray
     translation: FloatArray
     driver: str = ""
+    rigid: bool = True  # neither such a joint nor one of a branch, which is held, lies between
 
 
 @dataclass(frozen=True)
@@ -311,6 +312,7 @@ def _placed(
     """The frame of each moving joint of ``path`` at zero, the placement of every link, and the
     names of the joints at rest."""
     joints, on_path = tree.model.joints, {joint.name for joint in path}
+    whole = tree.path(path[-1].child)  # from the root
     placements = {tree.model.root: Placement(-1, np.eye(3), np.zeros(3))}
     segments: list[tuple[FloatArray, FloatArray]] = []
     still: set[str] = set()
@@ -318,10 +320,9 @@ def _placed(
         frame = placements[joint.parent]
         rotation = frame.rotation @ rotation_of(joint.rpy)
         translation = frame.rotation @ np.array(joint.xyz) + frame.translation
-        driver = frame.driver
-        segment = frame.segment
+        segment, driver, rigid = frame.segment, frame.driver, frame.rigid
         if joint.kind != "fixed":
-            drive = drives[joint.name]
+            drive, rigid = drives[joint.name], rigid and joint in whole
             if joint.name in on_path:
                 segments.append((rotation, translation))
                 segment, rotation, translation = len(segments) - 1, np.eye(3), np.zeros(3)
@@ -336,7 +337,7 @@ def _placed(
                     translation = rotation @ (np.array(joint.axis) * value) + translation
                 else:
                     rotation = rotation @ turned(joint.axis, value)
-        placements[joint.child] = Placement(segment, rotation, translation, driver)
+        placements[joint.child] = Placement(segment, rotation, translation, driver, rigid)
     return segments, placements, still
 
 

@@ -33,7 +33,7 @@ class LinkShape:
 
 
 class LinkGeometry(NamedTuple):
-    """The geometry of a link, placed on a segment: x_segment = rotation @ x_link + translation."""
+    """A link, and its geometry, on a segment: x_segment = rotation @ x_link + translation."""
 
     link: str
     segment: int  # -1 for the fixed base
@@ -42,6 +42,7 @@ class LinkGeometry(NamedTuple):
     shapes: tuple[LinkShape, ...]
     urdf: Path
     looks: tuple[LinkShape, ...] = ()  # its visual geometry
+    rigid: bool = True  # no joint lies between that is held here, and may stand elsewhere
 
 
 class LeftOut(NamedTuple):

@@ -6,7 +6,7 @@ Recordings, pictures, the closed loop and the guard read an arm's state here, by
 import math
 import warnings
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -73,15 +73,15 @@ class Measured:
         kept: float = math.inf, gap: float = GAP, held: float = GAP, what: str = "joint_states",
     ) -> None:  # fmt: skip
         self.joints, self.what = tuple(joints), what
-        self._turns, self._prefix, self._kept = turns, prefix, kept
+        self.prefix = prefix or None  # before the joints' names; None: it is not known yet
+        self._turns, self._stated, self._kept = turns, prefix, kept
         self._gap, self._held = gap, held
-        self._columns: dict[str, int] = {}  # of the joints' full names, once the prefix is known
+        # of the joints' full names, once the prefix is known
+        self._columns = {prefix + name: k for k, name in enumerate(self.joints)} if prefix else {}
         self._names = dict[str, None]()  # of joints that may be the arm's
         self._waiting: list[_Heard] = []  # until all joints were heard
         self._drivers: dict[tuple[int, ...], deque[_Heard]] = {}  # by the joints that they send
         self._joined: list[Series] | None = None
-        if prefix:
-            self._columns = {prefix + name: k for k, name in enumerate(self.joints)}
 
     # -- what is heard
 
@@ -103,10 +103,7 @@ class Measured:
         q = values(names, positions, "positions", self.what)
         known = np.size(velocities) > 0
         velocity = values(names, velocities, "velocities", self.what) if known else np.zeros_like(q)
-        if self._prefix:
-            mine = [k for k, name in enumerate(names) if name in self._columns]
-        else:
-            mine = [k for k, name in enumerate(names) if name.endswith(self.joints)]
+        mine = self.mine(names)
         one = _Heard(float(time), tuple(names[k] for k in mine), q[mine], velocity[mine])
         for k, name in enumerate(one.names):
             told = f"{self.what}: {name} is"
@@ -122,22 +119,31 @@ class Measured:
             self._waiting = [each for each in self._waiting if each.time >= time - self._kept]
             self._waiting.append(one)
         else:
-            lacking = ", ".join(self._prefix + name for name in self.joints)
-            raise InvalidRequestError(
-                f"{self.what}: joint {lacking} is missing; it names {', '.join(names) or 'none'}. "
-                "It must name some of them" + ", with one prefix or none" * (not self._prefix)
-            )
+            raise self._lacks(self.joints, names)
+
+    def mine(self, names: Sequence[str]) -> list[int]:
+        """The indices of the names that may be of the arm's joints."""
+        if self._stated:
+            return [k for k, name in enumerate(names) if name in self._columns]
+        return [k for k, name in enumerate(names) if name.endswith(self.joints)]
+
+    def _lacks(self, joints: Sequence[str], names: Collection[str]) -> InvalidRequestError:
+        told = ", ".join(self._stated + name for name in joints)
+        return InvalidRequestError(
+            f"{self.what}: joint {told} is missing; it names {', '.join(names) or 'none'}"
+            + ". One prefix may stand before all of an arm" * (not self._stated)
+        )
 
     def _find(self, names: Sequence[str]) -> None:
         """Find the prefix of the arm's joints among all names so far."""
         new = [name for name in names if name not in self._names]
-        if self._prefix or (self._columns and not new):
-            return
         self._names.update(dict.fromkeys(new))
+        if self._stated or (self._columns and not new):
+            return
         found = prefixes(self._names, self.joints)
         if len(found) > 1:
             self.forget()
-            self._columns = {}
+            self._columns, self.prefix = {}, None
             raise InvalidRequestError(
                 f"{self.what}: the joints stand there behind each of the prefixes "
                 f"{', '.join(found)}: must be one arm, or have its prefix named"
@@ -146,7 +152,7 @@ class Measured:
         if columns != self._columns:
             waiting = self._waiting
             self.forget()
-            self._columns = columns
+            self._columns, self.prefix = columns, found[0] if found else None
             for one in waiting:
                 if columns.keys() & set(one.names):
                     self._take(one)
@@ -158,9 +164,9 @@ class Measured:
         rows = [found[column] for column in columns]
         kept = self._drivers.setdefault(columns, deque())
         if self._kept < math.inf and kept and one.time <= kept[-1].time:
-            if one.time >= kept[-1].time - self._gap:
+            if kept[-1].time > one.time >= kept[-1].time - self._gap:
                 return  # a message that was overtaken
-            kept.clear()
+            kept.pop() if one.time == kept[-1].time else kept.clear()
         q = one.q[rows]
         if self._kept < math.inf and kept and self._turns is not None:
             q = self._turns.of_joints(columns).onto(q, kept[-1].q)
@@ -171,6 +177,12 @@ class Measured:
             if self._drivers[other][-1].time < one.time - self._kept:
                 del self._drivers[other]  # that driver is gone
         self._joined = None
+
+    def __copy__(self) -> "Measured":
+        made = object.__new__(Measured)
+        vars(made).update(vars(self), _names=dict(self._names), _waiting=list(self._waiting))
+        made._drivers = {key: kept.copy() for key, kept in self._drivers.items()}
+        return made
 
     def forget(self) -> None:
         """Drop all states so far, as where a clock was set."""
@@ -211,11 +223,6 @@ class Measured:
             q[mine], velocity[mine] = at[0], rows[-1].velocity
         return time, State(q) if np.abs(velocity).max() < AT_REST else State(q, velocity)
 
-    def age(self, time: float) -> float:
-        """How old the newest state of all joints is at a ``time`` [s]; infinite: there is none."""
-        newest = self.newest
-        return math.inf if newest is None else time - newest[0]
-
     def at(self, time: float) -> FloatArray:
         """(n,) where the arm was at a ``time`` [s], linear between joint states.
 
@@ -250,15 +257,13 @@ class Measured:
                 f"where the arm was is unknown: no joint states came for {step:.3f} s around then, "
                 f"must be {self._gap:g} s at most"
             )
-        if max(float(np.abs(self._apart(other, q)).max()) for _, other in found) > _SAME:
+        apart = np.subtract if self._turns is None else self._turns.apart
+        if max(float(np.abs(apart(other, q)).max()) for _, other in found) > _SAME:
             raise InvalidRequestError(
                 f"where the arm was is unknown: the clock of {self.what} was set back, and the arm "
                 "was elsewhere at each of both times: record anew, with one clock"
             )
         return q
-
-    def _apart(self, q: FloatArray, other: FloatArray) -> FloatArray:
-        return np.asarray(q - other if self._turns is None else self._turns.apart(q, other))
 
     def series(self) -> list[Series]:
         """The positions (m, n) over time, between the times at which the clock was set.
@@ -269,11 +274,7 @@ class Measured:
             InvalidRequestError: a joint was never heard; drivers with two clocks.
         """
         if lacking := self.lacking:
-            raise InvalidRequestError(
-                f"{self.what}: joint {', '.join(lacking)} is missing; it names "
-                f"{', '.join(self._names) or 'none'}. It must name {', '.join(self.joints)}, with "
-                "one prefix for all or none"
-            )
+            raise self._lacks(lacking, self._names)
         if self._joined is None:
             self._joined = self._join()
         return self._joined

@@ -74,7 +74,7 @@ class Robot(Shown):
     held_joints: tuple[str, ...] = ()
     excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
     left_out: tuple[LeftOut, ...] = ()
-    geometry: tuple[LinkGeometry, ...] = ()  # of links that have one
+    geometry: tuple[LinkGeometry, ...] = ()  # of the links of its file
     dynamics: Dynamics | None = None
     arm: Arm = NOT_TOLD
     told: tuple[str, ...] = ()  # warnings of its description, each after the path

@@ -63,12 +63,13 @@ _MAY_BE_INFINITE = "lower", "upper", "velocity", "acceleration", "jerk", "dynami
 
 @dataclass(frozen=True)
 class _Drawn:
-    """A link that has geometry; ``urdf``: the file beside which relative meshes lie."""
+    """A link; ``urdf``: the file beside which relative meshes lie."""
 
     link: str
     urdf: str
     shapes: tuple[LinkShape, ...]
     looks: tuple[LinkShape, ...]
+    rigid: bool = True
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,7 @@ def save_robot(robot: Robot, path: str | Path) -> None:
 def resolved(robot: Robot, folder: Path) -> bytes:
     """The content of a resolved robot file in ``folder``."""
     geometry = tuple(
-        _Drawn(link.link, _from(folder, link.urdf), link.shapes, link.looks)
+        _Drawn(link.link, _from(folder, link.urdf), link.shapes, link.looks, link.rigid)
         for link in robot.geometry
     )
     shared = {name: getattr(robot, name) for name in _SHARED}
@@ -166,10 +167,11 @@ def read_resolved(path: Path, check: Callable[[Path], Path] = Path) -> Robot:
     places = zip(*drawn.values(), header.geometry, strict=True)
     geometry = tuple(
         LinkGeometry(
-            link.link, int(segment), turn, at, link.shapes, path.parent / link.urdf, link.looks
+            link.link, int(segment), turn, at, link.shapes, path.parent / link.urdf, link.looks,
+            link.rigid,
         )
         for segment, turn, at, link in places
-    )
+    )  # fmt: skip
     for link in geometry:
         for file in meshes_found(link.urdf, link.link, (*link.shapes, *link.looks)):
             check(file)

@@ -5,7 +5,6 @@ whole turn changes nothing, the position and the same a turn farther are one pla
 """
 
 from collections.abc import Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -72,12 +71,9 @@ class Turns(NamedTuple):
         out, steps = np.array(q, dtype=np.float64), np.diff(q, axis=0)
         turns = np.round(steps / TURN)
         wraps = self.may & (turns != 0.0) & (np.abs(steps - TURN * turns) <= most)
-        shift = np.zeros(out.shape[1:])
-        for row, end in pairwise([*(np.flatnonzero(wraps.any(axis=1)) + 1).tolist(), len(out)]):
-            here = q[row] + shift
-            there = np.where(wraps[row - 1], self.onto(here, out[row - 1]), here)
-            shift = shift + TURN * np.round((there - here) / TURN)
-            out[row:end] = q[row:end] + shift
+        for row in (np.flatnonzero(wraps.any(axis=1)) + 1).tolist():
+            there = np.where(wraps[row - 1], self.onto(out[row], out[row - 1]), out[row])
+            out[row:] += TURN * np.round((there - out[row]) / TURN)
         return out
 
     def as_motion(self, q: FloatArray) -> FloatArray:
