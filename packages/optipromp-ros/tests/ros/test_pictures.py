@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp_eyes import CameraModel, DepthPicture, Watcher, look_at
 from optipromp_ros import Message, PickLoop, Recorded, bag_pictures, message, write_bag
+from optipromp_ros.camera_infos import is_rectified, is_registered
 from optipromp_ros.images import Pictures
 from optipromp_ros.loop import Frames
 from optipromp_sim.generate import generate
@@ -35,6 +37,9 @@ RGB = RNG.integers(0, 256, (12, 20, 3), dtype=np.uint8)
 DEPTH = np.where(RNG.random((12, 20)) < 0.9, RNG.uniform(0.3, 0.9, (12, 20)), 0.0)
 DEPTH = DEPTH.astype(np.float32)
 COLOUR, FAR, CLOUD = "/cam/color/image_raw", "/cam/depth/image_raw", "/cam/points"
+
+
+SCENE_BASE = posed(SCENE)[0].link_names[0]
 
 
 def joined(colour: Message, far: Message, about: Message | None = None) -> DepthPicture:
@@ -58,7 +63,11 @@ DEPTHS = {
     "big endian": (image(MILLI, "16UC1", EPOCH, big=True), 0.51e-3),
     "compressed 16UC1": (compressed(MILLI, EPOCH, "16UC1"), 0.51e-3),
     "compressed 32FC1": (compressed(DEPTH, EPOCH, "32FC1"), 5e-3),
+    "RVL": (compressed(MILLI, EPOCH, "16UC1 rvl"), 0.51e-3),
+    "RVL 32FC1": (compressed(DEPTH, EPOCH, "32FC1 rvl"), 5e-3),
+    "PNG": (compressed(MILLI, EPOCH, "16UC1 plain"), 0.51e-3),
 }
+MILLIS = DEPTHS["16UC1"][0]
 
 
 @pytest.mark.parametrize("colour", COLOURS)
@@ -74,6 +83,96 @@ def test_depths_of_every_encoding_are_metres(far: str) -> None:
     assert ((found.depth == 0) == (DEPTH == 0)).all()
     assert (found.camera.fx, found.camera.fy) == (22.0, 23.0)
     assert (found.camera.cx, found.camera.cy) == (9.0, 6.0)
+
+
+def about(focal: float, stamp: int = EPOCH, **further: Any) -> Message:
+    """A ``CameraInfo`` of a sensor of 60 x 36 pixels."""
+    return info(CameraModel(60, 36, focal, 46.0, 30.0, 20.0), stamp, **further)
+
+
+@pytest.mark.parametrize(
+    ("part", "bins", "want"),
+    [
+        ((12, 8, 20, 12), 0, (44.0, 46.0, 18.0, 12.0)),
+        ((0, 0, 0, 0), 3, (44.0 / 3, 46.0 / 3, 10.0, 20.0 / 3)),
+        ((10, 6, 40, 24), 2, (22.0, 23.0, 10.0, 7.0)),
+    ],
+    ids=["part", "binning", "both"],
+)
+def test_a_part_of_the_sensor_and_binning_move_the_axis(
+    part: tuple[int, ...], bins: int, want: tuple[float, ...]
+) -> None:
+    x, y, width, height = part
+    roi = message("sensor_msgs/msg/RegionOfInterest", x_offset=x, y_offset=y, width=width,
+                  height=height)  # fmt: skip
+    told = about(44.0, roi=roi, binning_x=bins, binning_y=bins)
+    lens = joined(COLOURS["rgb8"], MILLIS, told).camera
+    assert (lens.fx, lens.fy, lens.cx, lens.cy) == pytest.approx(want)
+    old = {name.upper() if name in "dkrp" else name: value for name, value in vars(told).items()}
+    old = SimpleNamespace(**old)  # as ROS 1 has it
+    assert joined(COLOURS["rgb8"], MILLIS, old).camera.cx == lens.cx
+    with pytest.raises(InvalidRequestError, match="20 x 12 pixels; its CameraInfo tells of 60 x"):
+        joined(COLOURS["rgb8"], MILLIS, about(44.0))
+
+
+def sequence(*items: tuple[str, Message], topics: list[str] | None = None) -> list[float]:
+    """Focal lengths of the pictures of messages, as they are heard."""
+    made = Pictures(topics)
+    taken = (made.heard(topic, item) for topic, item in items)
+    return [one.picture().camera.fx for one in taken if one is not None]
+
+
+def small(focal: float, stamp: int = EPOCH) -> Message:
+    return info(CameraModel(20, 12, focal, 46.0, 9.0, 6.0), stamp)
+
+
+def shown(stamp: int) -> list[tuple[str, Message]]:
+    return [(COLOUR, image(RGB, "rgb8", stamp)), (FAR, image(MILLI, "16UC1", stamp))]
+
+
+def test_of_several_infos_that_of_the_topic_and_the_moment_is_taken(tmp_path: Path) -> None:
+    beside, other = "/cam/color/camera_info", "/cam/preview/camera_info"
+    two = [(beside, small(44.0)), (other, small(99.0))]
+    assert sequence(*two, *shown(EPOCH)) == [44.0]
+    assert sequence(*two, *shown(EPOCH), topics=[COLOUR, FAR, other]) == [99.0]
+    assert sequence((other, small(99.0)), *shown(EPOCH)) == [99.0]  # the only one
+    with pytest.raises(InvalidRequestError, match="tell of different cameras"):
+        sequence(("/else/camera_info", small(44.0)), two[1], *shown(EPOCH))
+    late = EPOCH + SECOND // 2
+    once = [(beside, small(44.0)), *shown(late), *shown(late + SECOND)]
+    assert sequence(*once) == [44.0, 44.0]
+    focals = [40.0, 50.0, 60.0]
+    each = [[*shown(EPOCH + k * SECOND), (beside, small(focal, EPOCH + k * SECOND))]
+            for k, focal in enumerate(focals)]  # fmt: skip
+    assert sequence(*(part for some in each for part in some)) == focals
+    assert sequence(*(part for some in each for part in some[::-1])) == focals
+    still = [("/tf_static", frames(0, (SCENE_BASE, FRAME, Pose())))]
+    items = [Recorded(*part) for some in (still, *each) for part in some]
+    write_bag(tmp_path / "zoom.mcap", items)
+    found = bag_pictures(tmp_path / "zoom.mcap", SCENE, every=0.0)
+    assert [one.picture.camera.fx for one in found] == focals
+    items += [Recorded(*part) for part in shown(EPOCH + SECOND // 2)]
+    write_bag(tmp_path / "between.mcap", items)
+    with pytest.raises(InvalidRequestError, match=r"nearest message is 0\.5 s from it"):
+        list(bag_pictures(tmp_path / "between.mcap", SCENE, every=0.0))
+
+
+@pytest.mark.parametrize(
+    ("topic", "straight", "registered"),
+    [
+        ("/cam/color/image_raw", False, False),
+        ("/direct/color/image_raw", False, False),
+        ("/gain_corrected/image", False, False),
+        ("/rect_cam/image_raw/compressed", False, False),
+        ("/cam/image_rect_color", True, False),
+        ("/zed/rgb/color/rect/image/compressed", True, False),
+        ("/unaligned_depth/image_rect_raw", True, False),
+        ("/cam/aligned_depth_to_color/image_raw/compressedDepth", False, True),
+        ("/cam/depth_registered/image_rect", True, True),
+    ],
+)
+def test_names_of_topics_tell_by_whole_words(topic: str, straight: bool, registered: bool) -> None:
+    assert (is_rectified(topic), is_registered(topic)) == (straight, registered)
 
 
 def test_a_cloud_is_a_picture_whose_camera_fits_its_points() -> None:
