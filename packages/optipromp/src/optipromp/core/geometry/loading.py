@@ -24,6 +24,7 @@ _FACE = re.compile(rb"^[ \t]*f[ \t]+([^\r\n#]*)", re.M)
 _REST = re.compile(rb"/\S*")  # of a corner: texture and normal
 _BELOW = re.compile(rb"<p>[^<]*?(-\d+)")  # of a DAE: a negative index
 _AXIS = re.compile(r"([xyz])(?![a-z0-9])", re.I)  # at the begin of a column's name
+_ROW = re.compile(r"at row (\d+)")  # in an error of NumPy
 _CLOUD_SUFFIXES = (".npy", ".npz", ".csv", ".xyz", ".txt", ".ply")
 
 
@@ -216,5 +217,10 @@ def _text_table(path: Path, content: bytes) -> tuple[FloatArray, list[str]]:
             return np.zeros((0, 3)), []
         table = np.loadtxt(rows, delimiter=mark, ndmin=2, usecols=axes or None)
         return table, [words[k] for k in axes]
-    except ValueError as error:
-        raise _unreadable("point cloud", path, error) from None
+    except ValueError as error:  # in whose words there may be a line of any file
+        found = _ROW.search(str(error))
+        row = "a row" if found is None else f"row {int(found[1]) + ('convert' in str(error))}"
+        raise InvalidSceneError(
+            f"point cloud {path}: {row} is not as it must be: UTF-8, three numbers or more, as "
+            "many as the others"
+        ) from None
