@@ -280,16 +280,10 @@ def truncated_stl():
         ("text.stl", b"this is not a mesh\n", "text.stl"),
         ("noise.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "noise.ply"),
         ("noise.obj", bytes(range(256)), "noise.obj"),
-        (
-            "open.obj",
-            OPEN,
-            "open.obj",
-        ),
-        (
-            "flat.obj",
-            OPEN.replace(b"v 0 1 0\nv 0 0 1", b"v 2 0 0\nv 3 0 0"),
-            "flat.obj",
-        ),
+        ("open.obj", OPEN, "open.obj"),
+        ("flat.obj", OPEN.replace(b"v 0 1 0\nv 0 0 1", b"v 2 0 0\nv 3 0 0"), "flat.obj"),
+        ("far.obj", OPEN.replace(b"v 0 0 1", b"v 0 0 1e300"), "far.obj"),
+        ("many.obj", OPEN + b"f 1 2 99999999999999999999\n", "many.obj"),
         ("box.dae", b"<x/>", "suffix"),
     ],
 )

@@ -48,7 +48,10 @@ def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
     for part in parts:
         if fault := face_fault(part.faces, len(part.vertices)):
             raise InvalidSceneError(f"mesh {path}: {fault}")
-        part.process()
+        try:
+            part.process()
+        except Exception as error:  # numbers too large for trimesh
+            raise _unreadable("mesh", path, error) from None
     if hasattr(loaded, "to_mesh"):
         loaded = loaded.to_mesh()
     vertices = scale * np.asarray(loaded.vertices, dtype=np.float64)
@@ -70,7 +73,7 @@ def index_fault(suffix: str, content: bytes) -> str:
     lines = [_REST.sub(b"", line) for line in _FACE.findall(content.replace(b"\\\n", b" "))]
     try:
         index = np.array(b" ".join(lines).split(), dtype=np.int64)
-    except ValueError:  # trimesh tells
+    except (ValueError, OverflowError):  # trimesh tells
         return ""
     row = np.repeat(np.arange(len(lines)), [len(line.split()) for line in lines])
     bad = (index == 0) | (index > count) | (index < -count)
