@@ -52,22 +52,21 @@ class Infos:
         if self.live:
             del spans[:-KEPT]
 
-    def topic(self, colour: str, frame: str, depth: str, beside: str) -> str | None:
-        """The topic of a picture's infos, beside that of the colours; None: none was heard.
+    def topic(self, colour: str, frame: str, depth_frame: str) -> str | None:
+        """The topic of a picture's infos; None: none was heard.
 
-        Where none is beside it, one with their ``frame``, or of a depth registered to them, whose
-        frame is ``beside``, tells the same.
+        It is that beside the topic of the colours, else one of their frame, else of the depth's.
         """
-        frames = {topic: spans[-1].info.header.frame_id for topic, spans in self._of.items()}
+        said = {topic: spans[-1].info for topic, spans in self._of.items()}
+        of = {topic: info.header.frame_id for topic, info in said.items()}
         tries = (
-            self._named, {_beside(colour)}, {_beside(depth)} if beside == frame else set(),
-            {topic for topic, told in frames.items() if told == frame}, {_beside(depth)},
-            {topic for topic, told in frames.items() if told == beside},
-            {topic for topic, told in frames.items() if self.live or not (told and frame)},
+            self._named, {_beside(colour)}, {topic for topic in of if of[topic] == frame},
+            {topic for topic in of if of[topic] == depth_frame},
+            {topic for topic in of if self.live or not (of[topic] and frame)},
         )  # fmt: skip
         for some in tries:
-            found = [topic for topic in self._of if topic in some]
-            if len({_content(self._of[topic][-1].info) for topic in found}) > 1:
+            found = [topic for topic in said if topic in some]
+            if len({_content(said[topic]) for topic in found}) > 1:
                 raise InvalidRequestError(
                     f"{' and '.join(found)} tell of different cameras, and none is beside {colour}:"
                     " name the one to take, with the topics of colour and depth"

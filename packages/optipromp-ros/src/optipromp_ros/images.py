@@ -24,6 +24,7 @@ CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
 PICTURES = IMAGE, COMPRESSED, CLOUD, CAMERA_INFO
 APART = 0.02  # [s] between the stamps of colour and depth of one picture, at most: a choice
 WAITING = 8  # messages of one kind that wait for the other: a choice
+LOST = 2  # infos in a row without which pictures wait for none: a choice
 OFF = 0.5  # [pixel] of a cloud's points from a camera's picture, at most: a choice
 LEAST = 100  # points of a cloud that tell its camera: a choice
 _COLOURS = {"rgb8": (3, [0, 1, 2]), "bgr8": (3, [2, 1, 0]), "rgba8": (4, [0, 1, 2]),
@@ -92,7 +93,7 @@ class Pictures:
         }  # fmt: skip
         self._infos = infos or Infos(topics or ())
         self._joined: tuple[Message, Message] | None = None  # colour and depth without their info
-        self._timely = False  # whether an info had the stamp of a picture
+        self._patience = 0  # pictures that wait for the info of their stamp, until some are lost
         self.seen = dict[str, str]()
         """What each topic of pictures has, by its name."""
         self.apart = math.inf
@@ -132,6 +133,7 @@ class Pictures:
         if near is None or away(near) > APART * NANO:
             self.apart = min(self.apart, math.inf if near is None else away(near) / NANO)
             return
+        self._patience -= self._joined is not None  # its info was lost
         self._joined = (item, near) if part == "colour" else (near, item)
         for waiting in self._waiting.values():
             waiting.clear()
@@ -140,20 +142,17 @@ class Pictures:
         """The picture whose colour, depth and info are there."""
         if self._joined is None:
             return None
-        colour, depth = self._joined
-        frames = colour.header.frame_id, depth.header.frame_id
-        topics = self._of["colour"], self._of["depth"]
-        topic = self._infos.topic(topics[0], frames[0], topics[1], frames[1])
+        (colour, depth), (one, other) = self._joined, (self._of["colour"], self._of["depth"])
+        topic = self._infos.topic(one, colour.header.frame_id, depth.header.frame_id)
         if topic is None:
             return None
         stamp = nanoseconds(colour.header.stamp)
         exact = self._infos.known(topic, stamp)
-        if self._infos.live and self._timely and not exact:
+        if self._infos.live and self._patience > 0 and not exact:
             return None
-        self._timely, self._joined = self._timely or exact, None
-        info = self._infos.at(topic, stamp)
-        straight, aligned = is_rectified(topics[0]), is_registered(topics[1])
-        return Taken(colour.header, colour, depth, info, straight, aligned)
+        self._patience, self._joined = LOST if exact else self._patience, None
+        told = is_rectified(one), is_registered(other)
+        return Taken(colour.header, colour, depth, self._infos.at(topic, stamp), *told)
 
 
 def part_of(item: Message) -> Part | None:
@@ -164,10 +163,8 @@ def part_of(item: Message) -> Part | None:
     if kind == CLOUD:
         return "cloud"
     if kind == COMPRESSED:
-        if "compressedDepth" in encoding:
-            return "depth"
-        if encoding.partition(";")[0] in _DEPTHS:  # without loss, as PNG or TIFF
-            return "depth"
+        if "compressedDepth" in encoding or encoding.partition(";")[0] in _DEPTHS:
+            return "depth"  # the latter without loss, as PNG or TIFF
         return None if encoding.startswith("mono") else "colour"
     if encoding in _COLOURS:
         return "colour"

@@ -146,6 +146,10 @@ def test_of_several_infos_that_of_the_topic_and_the_moment_is_taken(tmp_path: Pa
             for k, focal in enumerate(focals)]  # fmt: skip
     assert sequence(*(part for some in each for part in some)) == focals
     assert sequence(*(part for some in each for part in some[::-1])) == focals
+    lost = [*each[0], *shown(EPOCH + SECOND), *each[2]]
+    assert sequence(*lost) == [40.0, 60.0]  # the second waited
+    lost += [part for k in (3, 4, 5) for part in shown(EPOCH + k * SECOND)]
+    assert sequence(*lost) == [40.0, 60.0, 60.0]  # infos have stopped
     still = [("/tf_static", frames(0, (SCENE_BASE, FRAME, Pose())))]
     items = [Recorded(*part) for some in (still, *each) for part in some]
     write_bag(tmp_path / "zoom.mcap", items)
