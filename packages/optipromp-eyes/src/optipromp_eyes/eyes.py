@@ -25,7 +25,7 @@ from optipromp_eyes.parameters import EyeParameters, eyes_of
 from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
 from optipromp_eyes.stems import SeenStem, stem_of
-from optipromp_eyes.unmeasured import hidden_in, told_of, unmeasured
+from optipromp_eyes.unmeasured import TOLD, hidden_in, unmeasured
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
@@ -91,8 +91,10 @@ def look_at(
     above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
     posed = pose_of(picture, [fit for _, fit in good], straight, traces[0], above, p)
     blind = unmeasured(picture, found, [fit for _, fit in good], p, by_colour)
-    doubts = (*register, *told(doubted, [r for r, _ in good]), *posed, *told_of(blind))
-    return Sighting(look, tuple(detections), found, doubts, tuple(each.item for each in blind))
+    doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
+    if blind:
+        doubts += (f"{TOLD}, at {', '.join(where for where, _ in blind)}: solid where a fruit is",)
+    return Sighting(look, tuple(detections), found, doubts, tuple(item for _, item in blind))
 
 
 def _measured(
