@@ -37,7 +37,7 @@ class Infos:
     the last contents are kept; else all infos are heard before the first picture.
     """
 
-    def __init__(self, named: Collection[str] = (), live: bool = True) -> None:
+    def __init__(self, named: Collection[str], live: bool) -> None:
         self._named, self.live = frozenset(named), live
         self._of: dict[str, list[_Span]] = {}
 
@@ -52,50 +52,44 @@ class Infos:
         if self.live:
             del spans[:-KEPT]
 
-    def topic(self, colour: str, frame: str, depth_frame: str) -> str | None:
-        """The topic of a picture's infos; None: none was heard.
+    def find(self, topic: str, frames: tuple[str, str], stamp: int) -> tuple[Message, bool] | None:
+        """The info of a picture, and whether it is of that moment; None: none was heard.
 
-        It is that beside the topic of the colours, else one of their frame, else of the depth's.
-        """
-        said = {topic: spans[-1].info for topic, spans in self._of.items()}
-        of = {topic: info.header.frame_id for topic, info in said.items()}
-        tries = (
-            self._named, {_beside(colour)}, {topic for topic in of if of[topic] == frame},
-            {topic for topic in of if of[topic] == depth_frame},
-            {topic for topic in of if self.live or not (of[topic] and frame)},
-        )  # fmt: skip
-        for some in tries:
-            found = [topic for topic in said if topic in some]
-            if len({_content(said[topic]) for topic in found}) > 1:
-                raise InvalidRequestError(
-                    f"{' and '.join(found)} tell of different cameras, and none is beside {colour}:"
-                    " name the one to take, with the topics of colour and depth"
-                )
-            if found:
-                return found[0]
-        return None
-
-    def known(self, topic: str, stamp: int) -> bool:
-        """Whether an info of a topic has a ``stamp``, or infos before it and after it agree."""
-        return any(span.first <= stamp <= span.last for span in self._of[topic])
-
-    def at(self, topic: str, stamp: int) -> Message:
-        """The info of a topic for a picture of a ``stamp`` [ns].
+        Args:
+            topic: of the colours; infos beside it go first, then those of its frame.
+            frames: of the colours and of the depth.
+            stamp: of the colours [ns].
 
         Raises:
-            InvalidRequestError: infos change about then, and none is of that moment.
+            InvalidRequestError: infos of several cameras, none of which is beside the colours; or
+                infos change about then, and none is of that moment.
         """
-        spans = self._of[topic][::-1]  # of equally near ones the last
-        away, best = min(
-            (max(span.first - stamp, stamp - span.last, 0), k) for k, span in enumerate(spans)
+        said = {name: spans[-1].info for name, spans in self._of.items()}
+        of = {name: info.header.frame_id for name, info in said.items()}
+        unsaid = {name for name in of if self.live or not (of[name] and frames[0])}
+        same = ({name for name in of if of[name] == frame} for frame in frames)
+        for some in (self._named, {_beside(topic)}, *same, unsaid):
+            found = [name for name in said if name in some]
+            if len({_content(said[name]) for name in found}) > 1:
+                raise InvalidRequestError(
+                    f"{' and '.join(found)} tell of different cameras, and none is beside {topic}: "
+                    "name the one to take, with the topics of colour and depth"
+                )
+            if found:
+                return _nearest(self._of[found[0]], found[0], stamp)
+        return None
+
+
+def _nearest(spans: list[_Span], topic: str, stamp: int) -> tuple[Message, bool]:
+    """The info whose time is nearest, the last of equally near ones; and whether it is exact."""
+    aside = [max(span.first - stamp, stamp - span.last, 0) for span in spans][::-1]
+    away = min(aside)
+    if away > NEAR * NANO and len({span.first > stamp for span in spans}) > 1:
+        raise InvalidRequestError(
+            f"{topic} changes about a picture, and its nearest message is {away / NANO:.3g} s "
+            f"from it: must be {NEAR:g} s at most"
         )
-        sides = {span.first > stamp for span in spans}  # before it, after it
-        if away > NEAR * NANO and len(sides) > 1:
-            raise InvalidRequestError(
-                f"{topic} changes about a picture, and its nearest message is {away / NANO:.3g} s "
-                f"from it: must be {NEAR:g} s at most"
-            )
-        return spans[best].info
+    return spans[-1 - aside.index(away)].info, away == 0
 
 
 def _beside(topic: str) -> str:

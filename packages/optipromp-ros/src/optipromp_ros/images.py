@@ -21,7 +21,8 @@ from optipromp_ros.types import Message
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
-PICTURES = IMAGE, COMPRESSED, CLOUD, CAMERA_INFO
+SHOWN = IMAGE, COMPRESSED, CLOUD
+PICTURES = *SHOWN, CAMERA_INFO
 APART = 0.02  # [s] between the stamps of colour and depth of one picture, at most: a choice
 WAITING = 8  # messages of one kind that wait for the other: a choice
 LOST = 2  # infos in a row without which pictures wait for none: a choice
@@ -82,16 +83,16 @@ class Pictures:
 
     Args:
         topics: of colour and depth, or of a cloud; None: all, of which each kind may have one.
-        infos: all that there are; None: they are heard with the pictures.
+        live: whether infos come with the pictures; else all are heard before the first.
     """
 
-    def __init__(self, topics: Collection[str] | None = None, infos: Infos | None = None) -> None:
+    def __init__(self, topics: Collection[str] | None = None, live: bool = True) -> None:
         self._topics = topics
         self._of: dict[Part, str] = {}
         self._waiting: dict[Part, deque[Message]] = {
             "colour": deque(maxlen=WAITING), "depth": deque(maxlen=WAITING),
         }  # fmt: skip
-        self._infos = infos or Infos(topics or ())
+        self._infos = Infos(topics or (), live)
         self._joined: tuple[Message, Message] | None = None  # colour and depth without their info
         self._patience = 0  # pictures that wait for the info of their stamp, until some are lost
         self.seen = dict[str, str]()
@@ -106,8 +107,7 @@ class Pictures:
             return None
         self.seen[topic] = part or _encoding(item)
         if part == "camera":
-            if self._infos.live:
-                self._infos.heard(topic, item)
+            self._infos.heard(topic, item)
             return self._completed()
         if part is None:
             return None
@@ -143,16 +143,13 @@ class Pictures:
         if self._joined is None:
             return None
         (colour, depth), (one, other) = self._joined, (self._of["colour"], self._of["depth"])
-        topic = self._infos.topic(one, colour.header.frame_id, depth.header.frame_id)
-        if topic is None:
+        frames = colour.header.frame_id, depth.header.frame_id
+        found = self._infos.find(one, frames, nanoseconds(colour.header.stamp))
+        if found is None or (self._infos.live and self._patience > 0 and not found[1]):
             return None
-        stamp = nanoseconds(colour.header.stamp)
-        exact = self._infos.known(topic, stamp)
-        if self._infos.live and self._patience > 0 and not exact:
-            return None
+        info, exact = found
         self._patience, self._joined = LOST if exact else self._patience, None
-        told = is_rectified(one), is_registered(other)
-        return Taken(colour.header, colour, depth, self._infos.at(topic, stamp), *told)
+        return Taken(colour.header, colour, depth, info, is_rectified(one), is_registered(other))
 
 
 def part_of(item: Message) -> Part | None:

@@ -15,8 +15,7 @@ from optipromp.core.scenes.hand import flange_of
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes.pictures import CameraModel, DepthPicture
-from optipromp_ros.camera_infos import Infos
-from optipromp_ros.images import APART, CAMERA_INFO, PICTURES, Pictures, Taken
+from optipromp_ros.images import APART, CAMERA_INFO, SHOWN, Pictures, Taken
 from optipromp_ros.live import TOOL, WORLD
 from optipromp_ros.loop import Frames
 from optipromp_ros.recordings import JOINT_STATE
@@ -58,16 +57,15 @@ def bag_pictures(
         InvalidRequestError: no bag, no pictures, several topics of a kind, or a camera that no
             frame tells the place of.
     """
-    infos, where = Infos(topics or (), live=False), _Where(scene, camera, prefix)
+    taken, where = Pictures(topics, live=False), _Where(scene, camera, prefix)
     types = TF, JOINT_STATE, CAMERA_INFO
     for topic, item, _ in read_bag(path, types=types):
         if item.__msgtype__ == CAMERA_INFO:
-            infos.heard(topic, item)
+            taken.heard(topic, item)
         else:
             where.heard(topic, item)
-    taken = Pictures(topics, infos)
     first = last = None
-    for topic, item, _ in read_bag(path, topics=topics, types=PICTURES):
+    for topic, item, _ in read_bag(path, topics=topics, types=SHOWN):
         found = taken.heard(topic, item)
         if found is None or (last is not None and found.stamp < last + every * NANO):
             continue

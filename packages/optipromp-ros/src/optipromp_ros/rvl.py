@@ -29,22 +29,19 @@ def decoded_rvl(data: bytes) -> NDArray[np.uint16]:
     last = np.flatnonzero(groups < 8)  # of each number, the three lowest bits first
     first = np.concatenate([[0], last[:-1] + 1])
     place = np.arange(len(groups)) - np.repeat(first, np.diff(np.append(first, len(groups))))
-    parts = (groups & 7).astype(np.int64) << 3 * np.minimum(place, 20)
+    parts = (groups & 7).astype(np.int64) << 3 * np.minimum(place, 10)
     numbers = np.add.reduceat(parts, first) if len(last) else parts[:0]
-    steps = (numbers >> 1) ^ -(numbers & 1)
-    known = np.zeros(width * height, dtype=bool)
-    taken = np.zeros(len(numbers), dtype=bool)  # numbers that are differences
-    pixel = at = 0
-    while pixel < known.size:
-        zeros, count = numbers[at : at + 2].tolist() if at + 2 <= len(numbers) else (0, 0)
-        begin, at = pixel + zeros, at + 2
-        pixel = begin + count
-        if not (zeros or count) or pixel > known.size or at + count > len(numbers):
-            raise InvalidRequestError(
-                f"an RVL depth of {width} x {height} pixels is damaged or too short"
-            )
-        known[begin:pixel], taken[at : at + count] = True, True
-        at += count
-    out = np.zeros(known.size, dtype=np.int64)
-    out[known] = np.cumsum(steps[taken])
+    left, at, runs, coded = width * height, 0, list[int](), [numbers[:0]]
+    while left > 0 and at + 2 <= len(numbers) and numbers[at : at + 2].any():
+        zeros, count = numbers[at : at + 2].tolist()
+        runs += [zeros, count]
+        coded.append(numbers[at + 2 : at + 2 + count])
+        at, left = at + 2 + count, left - zeros - count
+    if left or at > len(numbers):
+        raise InvalidRequestError(
+            f"an RVL depth of {width} x {height} pixels is damaged or too short"
+        )
+    out = np.zeros(width * height, dtype=np.int64)
+    steps = np.concatenate(coded)
+    out[np.repeat(np.arange(len(runs)) % 2 == 1, runs)] = np.cumsum(steps >> 1 ^ -(steps & 1))
     return out.astype(np.uint16).reshape(height, width)
