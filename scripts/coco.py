@@ -9,17 +9,16 @@ writes pictures/annotations.json about all pictures of the folder.
 import argparse
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from optipromp import load_scene
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.files import write_together
-from optipromp_eyes.pictures import ENDS, DepthPicture, load_picture, read_pixels
+from optipromp_eyes.pictures import ENDS, load_picture, read_pixels
 from optipromp_sim.simulation.photograph import FRUITS, Kind, Marked, Photograph
 
 FILE = "annotations.json"
@@ -32,15 +31,6 @@ CATEGORIES: dict[Kind, str] = {
 """Kinds of surfaces that are annotated, each with its larger category."""
 
 
-class Shot(NamedTuple):
-    """A picture with its truth, as a photograph has it."""
-
-    picture: DepthPicture  # colours and depth
-    masks: NDArray[np.uint8]  # (height, width) rows of ``marked`` plus one; 0 is background
-    marked: tuple[Marked, ...]  # what each value is
-    keys: Mapping[str, FloatArray]  # pixels (3, 2) of a fruit's tip, upper end, stem's root
-
-
 class Labels(NamedTuple):
     """What COCO has of a picture: its image, and annotations without their numbers."""
 
@@ -48,7 +38,7 @@ class Labels(NamedTuple):
     annotations: list[dict[str, Any]]
 
 
-def record(name: str, shot: Shot | Photograph) -> Labels:
+def record(name: str, shot: Photograph) -> Labels:
     """The record of a picture whose files are called ``name``; see
     :func:`optipromp_eyes.pictures.picture_files`."""
     camera = shot.picture.camera
@@ -137,18 +127,13 @@ def photographs(folder: Path) -> list[Labels]:
     return out
 
 
-def write(folder: Path, labels: Iterable[Labels]) -> None:
-    """Write the document of pictures into a folder."""
-    write_together(folder, {FILE: json.dumps(document(labels), separators=(",", ":")).encode()})
-
-
 def main() -> None:
     """Write the annotations of the pictures of a folder."""
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     ask.add_argument("folder", type=Path, metavar="DIR", help="that optipromp render wrote")
     folder = ask.parse_args().folder
     labels = photographs(folder)
-    write(folder, labels)
+    write_together(folder, {FILE: json.dumps(document(labels), separators=(",", ":")).encode()})
     print(f"wrote {FILE} about {len(labels)} pictures to {folder}")
 
 

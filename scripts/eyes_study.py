@@ -1,6 +1,6 @@
 """How well do the eyes see? Random scenes rendered, seen, and compared with the truth.
 
-Run from the repository: ``PYTHONPATH=src python scripts/eyes_study.py --seeds 70000:70030``. The
+Run from the repository: ``python scripts/eyes_study.py --seeds 70000:70030``. The
 script prints figures, a preset, a mount and a finder a line, as JSON, and a table of them. Every
 finder sees the same pictures. ``--finder network,shapes.onnx`` compares weights.
 """

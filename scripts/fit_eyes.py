@@ -1,9 +1,10 @@
 """Fit the camera model to what the eyes do: ``EYES`` of ``detector_parameters.py``.
 
-Run from the repository: ``PYTHONPATH=src python scripts/fit_eyes.py --seeds 70400:70440``. Scenes
-of development seeds are photographed twice, with other light and errors, and seen: from beside, and
-from the palm at the camera point of the closed loop. From the fruits in the camera's cone the
-script counts and measures:
+    python scripts/fit_eyes.py --seeds 70400:70440
+
+Scenes of development seeds are photographed twice, with other light and errors, and seen: from
+beside, and from the palm at the camera point of the closed loop. From the fruits in the camera's
+cone the script counts and measures:
 
 - misses against the share that the *model* takes for hidden: a ramp, by largest likelihood; how
   often both pictures miss the same fruit (``missed_steadily``);
@@ -31,12 +32,13 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 
-from eyes_study import SeenFruit, compared
+from eyes_study import compared
 
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.hand import tool_frame
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp_bench.experiments.eyes import STILL, cameras
 from optipromp_eyes.detector import finder_named
 from optipromp_eyes.finder import Finder
@@ -95,8 +97,9 @@ def looked(scenes: Iterable[tuple[str, int]], mount: str, finder: Finder | None 
             for fruit in seen.fruits:
                 if fruit.item.id in hidden and in_cone(fruit.center, view):
                     key = preset, seed, fruit.item.id
-                    turn = camera.pose.rotation.T
-                    fruits.append(observed(key, hidden[fruit.item.id], fruit, turn))
+                    place = Pose(fruit.center, camera.pose.rotation.T)
+                    found = fruit.detection and fruit.detection.item
+                    fruits.append(observed(key, hidden[fruit.item.id], fruit.item, place, found))
             radii += [
                 each.spheroid.radius for each in seen.wrong if in_cone(each.item.position, view)
             ]
@@ -132,33 +135,30 @@ def in_cone(center: np.ndarray, view: float) -> bool:
 
 
 def observed(
-    key: tuple[str, int, str], hidden: float, fruit: SeenFruit, turn: np.ndarray
+    key: tuple[str, int, str],
+    hidden: float,
+    true: SceneObject,
+    place: Pose,
+    seen: SceneObject | None,
 ) -> Observed:
-    """Errors of a fruit; ``turn`` (3, 3) is from the base to the camera."""
-    distance = float(np.linalg.norm(fruit.center))
-    nan = math.nan
-    if fruit.detection is None:
+    """Errors of a fruit that is ``place``d, and ``seen``, in the frame of the camera."""
+    center, nan = place.position, math.nan
+    distance = float(np.linalg.norm(center))
+    if seen is None:
         return Observed(key, hidden, distance, False, nan, (nan, nan), (nan, nan), nan)
-    sight = fruit.center / distance
+    sight, off, tilts = center / distance, seen.position - center, (nan, nan)
     x, y = _across(sight)
-    off = fruit.detection.item.position - fruit.center
-    tilts = nan, nan
-    if fruit.detection.stem is not None and fruit.item.stem is not None:
-        true = turn @ fruit.item.stem.vector
-        true = true / np.linalg.norm(true)
-        seen = fruit.detection.stem.direction
-        tilts = tuple(float(math.asin(np.clip(seen @ a, -1, 1))) for a in _across(true))
-    corners = fruit.item.shape.surface().reshape(-1, 3)
-    half = 0.5 * (corners.max(axis=0) - corners.min(axis=0))
-    fit = fruit.detection.spheroid
-    size = (2.0 * math.log(fit.radius) + math.log(fit.half) - float(np.log(half).sum())) / 3.0
-    return Observed(
-        key, hidden, distance, True, float(off @ sight), (float(off @ x), float(off @ y)), tilts,
-        size,
-    )  # fmt: skip
+    if seen.stem is not None and true.stem is not None:
+        way = place.rotation @ true.stem.vector
+        other = seen.stem.vector / np.linalg.norm(seen.stem.vector)
+        tilts = tuple(float(math.asin(np.clip(other @ a, -1, 1))) for a in _across(way))
+    size = np.log(seen.shape.measure.half).mean() - np.log(true.shape.measure.half).mean()
+    errors = float(off @ sight), (float(off @ x), float(off @ y))
+    return Observed(key, hidden, distance, True, *errors, tilts, float(size))
 
 
 def _across(way: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    way = way / np.linalg.norm(way)
     side = np.cross(way, [1.0, 0.0, 0.0] if abs(way[0]) < 0.9 else [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     return side, np.cross(way, side)
@@ -269,21 +269,8 @@ def modelled(
             center = look.camera.inverse() @ item.position
             if not in_cone(center, parameters.view):
                 continue
-            seen, nan = found.get(item.id), math.nan
-            distance = float(np.linalg.norm(center))
-            off = np.full(3, nan) if seen is None else seen.position - center
-            sight = center / distance
-            x, y = _across(sight)
-            tilts = nan, nan
-            if seen is not None and seen.stem is not None and item.stem is not None:
-                way = look.camera.rotation.T @ item.stem.vector
-                seen_way = seen.stem.vector / np.linalg.norm(seen.stem.vector)
-                axes = _across(way / np.linalg.norm(way))
-                tilts = tuple(float(math.asin(seen_way @ a)) for a in axes)
-            out.append(Observed(
-                (preset, seed, item.id), hidden[item.id], distance, seen is not None,
-                float(off @ sight), (float(off @ x), float(off @ y)), tilts, 0.0,
-            ))  # fmt: skip
+            key, place = (preset, seed, item.id), Pose(center, look.camera.rotation.T)
+            out.append(observed(key, hidden[item.id], item, place, found.get(item.id)))
     return out
 
 

@@ -2,33 +2,18 @@
 
 No robot, no light, no perspective: ellipses are fruits, lines are stems, polygons are leaves and
 clutter. Each has one colour and a depth; nearer shapes cover those behind.
-
-    python scripts/shapes.py --seeds 0:100 --out shapes
-
-writes such pictures with their truth, as ``optipromp render`` does those of scenes.
 """
 
-import argparse
 import math
-import sys
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
-
-from coco import Labels, Shot, record, write
-
-from optipromp.cli.console import seeds_of
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.files import check_folder
-from optipromp.core.scenes.pose import Pose
 from optipromp_eyes.pictures import CameraModel, DepthPicture
-from optipromp_sim.commands.generate import write_shot
 from optipromp_sim.simulation.photograph import Kind, Marked, StereoParameters, sensed
 
-SIZE = 640, 480  # [pixel], as of photographs
 FRUITS = 1, 8  # number in a picture; all numbers here are choices
 CLUTTER = 4, 14  # polygons and lines
 WIDE = 0.030, 0.042  # [m] of a fruit across
@@ -49,20 +34,26 @@ class _Shape(NamedTuple):
     colour: FloatArray
 
 
+class Shot(NamedTuple):
+    """A picture with its truth, as a photograph has it."""
+
+    picture: DepthPicture  # colours and depth
+    masks: NDArray[np.uint8]  # (height, width) rows of ``marked`` plus one; 0 is background
+    marked: tuple[Marked, ...]  # what each value is
+
+
 def shapes(seed: int, width: int = 320, height: int = 240) -> Shot:
     """A picture of abstract shapes; the same seed gives the same picture."""
     rng = np.random.default_rng([seed, 37])
     focal = FOCAL * width
     out = _clutter(rng, width, height)
-    keys: dict[str, FloatArray] = {}
     middle = np.zeros(2)
     for k in range(int(rng.integers(FRUITS[0], FRUITS[1] + 1))):
         if k and rng.random() < BESIDE:
             middle = middle + 0.09 * width * rng.standard_normal(2)
         else:
             middle = rng.uniform([0.1 * width, 0.25 * height], [0.9 * width, 0.95 * height])
-        made, keys[f"f{k}"] = _fruit(f"f{k}", middle, focal, rng)
-        out += made
+        out += _fruit(f"f{k}", middle, focal, rng)
     out.sort(key=lambda shape: -shape.depth)
     rgb = _ground(rng, width, height)
     depth = np.full((height, width), rng.uniform(0.8, 2.0))
@@ -84,12 +75,9 @@ def shapes(seed: int, width: int = 320, height: int = 240) -> Shot:
     picture = DepthPicture(
         np.clip(np.rint(noisy), 0, 255).astype(np.uint8),
         sensed(depth, focal, StereoParameters(), rng),
-        CameraModel(
-            width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1),
-            Pose(np.zeros(3), np.eye(3)),
-        ),
+        CameraModel(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1)),
     )  # fmt: skip
-    return Shot(picture, masks, marked, keys)
+    return Shot(picture, masks, marked)
 
 
 def _stencil(points: FloatArray, width: int, height: int) -> tuple[tuple[slice, slice], BoolArray]:
@@ -151,10 +139,8 @@ def _line(begin: FloatArray, end: FloatArray, thick: float, bow: float) -> Float
     return np.concatenate([middle + side, middle[::-1] - side])
 
 
-def _fruit(
-    name: str, middle: FloatArray, focal: float, rng: np.random.Generator
-) -> tuple[list[_Shape], FloatArray]:
-    """An ellipse on a line, with a star where they meet, and its key points."""
+def _fruit(name: str, middle: FloatArray, focal: float, rng: np.random.Generator) -> list[_Shape]:
+    """An ellipse on a line, with a star where they meet."""
     depth = float(rng.uniform(NEAR, FAR))
     half = 0.5 * focal * rng.uniform(*WIDE) / depth
     long = half * rng.uniform(*LONGER)
@@ -164,7 +150,7 @@ def _fruit(
     side = np.array([-axis[1], axis[0]])
     turn = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
     ring = middle + np.outer(long * np.cos(turn), axis) + np.outer(half * np.sin(turn), side)
-    top, tip = middle + long * axis, middle - long * axis
+    top = middle + long * axis
     root = top + focal * rng.uniform(0.06, 0.3) / depth * up
     thick = max(0.5 * focal * rng.uniform(0.003, 0.006) / depth, 0.6)
     star = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
@@ -173,29 +159,8 @@ def _fruit(
     joint = top - 0.1 * long * axis
     stem = _line(joint, root, thick, rng.uniform(-0.06, 0.06))
     calyx = joint + np.column_stack([reach * np.cos(star), reach * np.sin(star)])
-    made = [
+    return [
         _Shape(name, "stem", stem, depth + 0.002, _coloured(STEM, rng)),
         _Shape(name, kind, ring, depth, _coloured(RED if kind == "ripe" else GREEN, rng)),
         _Shape(name, "calyx", calyx, depth - 0.002, _coloured(STEM, rng)),
     ]
-    return made, np.array([tip, top, root])
-
-
-def main() -> None:
-    """Write pictures of shapes, with masks and annotations."""
-    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    ask.add_argument("--seeds", default="0:1", metavar="A:B", help="one picture a seed")
-    ask.add_argument("--out", type=Path, required=True, metavar="DIR")
-    told = ask.parse_args()
-    check_folder(told.out)
-    labels: list[Labels] = []
-    for seed in range(*seeds_of(told.seeds)):
-        drawn, name = shapes(seed, *SIZE), f"shapes-{seed}"
-        write_shot(drawn, name, None, told.out)
-        labels.append(record(name, drawn))
-    write(told.out, labels)
-    print(f"wrote {len(labels)} pictures to {told.out}")
-
-
-if __name__ == "__main__":
-    main()

@@ -300,8 +300,11 @@ def image_messages(random: Random) -> Mutant:
                       made.image(steps, "16UC1", 1) if random.random() < 0.5 else
                       made.image(shown.depth.astype(np.float32), "32FC1", 1)]  # fmt: skip
         else:
+            kinds = ["16UC1", "32FC1", "16UC1 rvl", "32FC1 rvl", "16UC1 plain"]
             items += [made.compressed(shown.rgb, 1, "png"),
-                      made.compressed(steps, 1, random.choice(["16UC1", "32FC1"]))]  # fmt: skip
+                      made.compressed(steps, 1, random.choice(kinds))]  # fmt: skip
+            if random.random() < 0.5:
+                items[-1].data = np.frombuffer(damaged(random, bytes(items[-1].data)), np.uint8)
     k = random.randrange(len(items))
     items[k] = message_changed(random, items[k])
 
@@ -310,7 +313,8 @@ def image_messages(random: Random) -> Mutant:
         from optipromp_ros.images import Pictures
 
         taken = Pictures()
-        found = [taken.heard(f"/{n}", item) for n, item in enumerate(items)]
+        names = "/c/camera_info", random.choice(["/c/image_raw", "/c/image_rect"]), "/c/depth"
+        found = [taken.heard(name, item) for name, item in zip(names, items, strict=False)]
         for each in filter(None, found):
             look_at(each.picture())
         return "success"
@@ -412,6 +416,36 @@ def mesh(random: Random) -> Mutant:
         return "success"
 
     return Mutant("mesh", {name: content}, act)
+
+
+def cloud(random: Random) -> Mutant:
+    """A point cloud as an array or a text."""
+    name = random.choice(["c.npy", "c.npz", "c.csv", "c.xyz"])
+    points = np.random.default_rng(random.randrange(99)).normal(size=(random.randrange(9), 3))
+    if random.random() < 0.4:
+        points = points.T if random.random() < 0.3 else np.hstack([points, points])
+    stream = io.BytesIO()
+    if name[-3:-1] == "np":
+        kind = [(axis, "f4") for axis in random.choice(["xyz", "zyx", "xy", "uvw"])]
+        if random.random() < 0.3:
+            points = np.zeros(5, dtype=kind)
+        np.save(stream, points) if name == "c.npy" else np.savez(stream, points=points)
+    else:
+        mark = random.choice(",; ")
+        head = random.choice(["", "x,y,z", "# z y x", "i;x;y;z", "9", "//X Y Z R"])
+        np.savetxt(stream, points, delimiter=mark, header=head, comments="")
+    content = stream.getvalue() if random.random() < 0.4 else damaged(random, stream.getvalue())
+    scale = 1.0 if random.random() < 0.8 else float(random.choice(NUMBERS[:-3]))
+
+    def act(folder: Path) -> str:
+        from optipromp.core.geometry.loading import load_cloud
+
+        made = load_cloud(folder / name, 0.01, scale)
+        assert np.isfinite(made.points).all()
+        assert made.points.shape[1] == 3
+        return "success"
+
+    return Mutant("cloud", {name: content}, act)
 
 
 class Still:
@@ -604,7 +638,7 @@ def episode_options(random: Random) -> Mutant:
 DOORS: list[tuple[int, Callable[[Random], Mutant]]] = [
     (20, picture_file), (10, depth_array), (12, camera), (1, network), (10, calibration),
     (20, messages), (12, image_messages), (10, bag), (20, mesh), (12, bench_zip), (8, bench_run),
-    (6, answers), (3, episode_options),
+    (8, cloud), (6, answers), (3, episode_options),
 ]  # fmt: skip
 
 

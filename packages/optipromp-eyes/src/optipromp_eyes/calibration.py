@@ -51,6 +51,10 @@ class CalibrationParameters(Checked):
     most_sigma: float = parameter(0.05, "m", "choice", "deviation of the camera's place, at most")
     sure: float = parameter(3.0, "1", "choice", "deviations by which a camera or board is in doubt")
     doubt: float = parameter(0.01, "1", "choice", "least error of a focal length, a centre, a side")
+    apart: float = parameter(5.0, "1", "choice", "pixels of a view over the board's, named above")
+    most_pixel: float = parameter(
+        3.0, "pixel", "choice", "root mean square, written above by force"
+    )
 
 
 class BoardView(NamedTuple):
@@ -101,6 +105,10 @@ class HandEye:
         spread_degree: largest change of the turn then.
         board: pose of the board, in the other mount; None: no board.
         doubts: intrinsics of the camera, or sides of the board, that the views contradict.
+        own: what the board leaves in each view by itself, without the arm, as root mean square
+            [pixel], or ``CalibrationParameters.pixel`` where that is more.
+        apart: names of views that leave over ``CalibrationParameters.apart`` times as much, the
+            worst first: wrong poses, or an arm that errs.
     """
 
     camera: CameraModel
@@ -111,6 +119,8 @@ class HandEye:
     spread_degree: float
     board: Pose | None = None
     doubts: tuple[str, ...] = ()
+    own: float = math.nan
+    apart: tuple[str, ...] = ()
 
     def total(self, what: str) -> float:
         """Root mean square over the views of ``pixel``, ``metre`` or ``degree``."""
@@ -177,12 +187,12 @@ def _fitted(
             hand = (x.inverse() @ (Pose() if mount == "hand" else g)).position
             weights.append(_weight(view, b, hand, camera, p))
         x, z = _refined(x, z, moved, seen, weights)
-    residuals = []
+    residuals, squares = [], []
     for view, g, b in zip(views, moved, seen, strict=True):
         told = x.inverse() @ g @ z
-        off = camera.pixels(told @ view.places) - view.pixels
         apart = told.inverse() @ b
-        pixel = math.sqrt(float((off**2).sum(axis=1).mean()))
+        pixel = _pixels_off(view, told, camera)
+        squares.append(_pixels_off(view, b, camera) ** 2)
         away = float(np.linalg.norm(apart.position))
         residuals.append(Residual(view.name, pixel, away, _turned(apart)))
     _refuse_misfit(residuals, p)
@@ -191,7 +201,17 @@ def _fitted(
         rest = [j for j in range(len(views)) if j != k]
         part = [moved[j] for j in rest], [seen[j] for j in rest], [weights[j] for j in rest]
         each.append(_refined(x, z, *part)[0])
-    return _told(replace(camera, pose=x, mount=mount), residuals, each, z)
+    own = max(math.sqrt(float(np.mean(squares))), p.pixel)
+    worst = sorted(residuals, key=lambda one: -one.pixel)
+    far = tuple(one.name for one in worst if one.pixel > p.apart * own)
+    found = _told(replace(camera, pose=x, mount=mount), residuals, each, z)
+    return replace(found, own=own, apart=far)
+
+
+def _pixels_off(view: BoardView, board: Pose, camera: CameraModel) -> float:
+    """Root mean square of what a board in the frame of the camera leaves in a view [pixel]."""
+    off = camera.pixels(board @ view.places) - view.pixels
+    return math.sqrt(float((off**2).sum(axis=1).mean()))
 
 
 def _two_sides(

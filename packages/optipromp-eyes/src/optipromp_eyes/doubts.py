@@ -181,7 +181,7 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
     if edges.sum() < LEAST_EDGE:
         return ()
     rgb = picture.rgb[::k, ::k].astype(np.float32)
-    steep = _steep(rgb)
+    steep = steepness(rgb)
     steep = np.minimum(steep, np.quantile(steep, 0.98))
     size = [n + FARTHEST_SHIFT for n in depth.shape]
     there = fft.rfft2(steep - steep.mean(), size) * fft.rfft2(edges.astype(np.float32), size).conj()
@@ -199,7 +199,7 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
     )
 
 
-def _steep(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
+def steepness(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     """The steepness (h, w) of colours (h, w, 3), by Sobel's kernels."""
     out = np.zeros(rgb.shape[:2], dtype=np.float32)
     planes = np.pad(np.moveaxis(rgb, 2, 0), ((0, 0), (1, 1), (1, 1)), mode="edge")

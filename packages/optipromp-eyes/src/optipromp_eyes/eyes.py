@@ -25,6 +25,7 @@ from optipromp_eyes.parameters import EyeParameters, eyes_of
 from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
 from optipromp_eyes.stems import SeenStem, stem_of
+from optipromp_eyes.unmeasured import TOLD, hidden_in, unmeasured
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
@@ -89,8 +90,11 @@ def look_at(
     look = Look(time, picture.camera.pose, items, picture.camera.view)
     above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
     posed = pose_of(picture, [fit for _, fit in good], straight, traces[0], above, p)
+    blind = unmeasured(picture, found, [fit for _, fit in good], p, by_colour)
     doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
-    return Sighting(look, tuple(detections), found, doubts)
+    if blind:
+        doubts += (f"{TOLD}, at {', '.join(where for where, _ in blind)}: solid where a fruit is",)
+    return Sighting(look, tuple(detections), found, doubts, tuple(item for _, item in blind))
 
 
 def _measured(
@@ -245,7 +249,8 @@ def seen_scene(
     other fruits, as long as the median of those seen
     (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
     ``parameters.tilt``; ``parameters`` are by default those of the crop of ``known``. That crop is
-    the scene's, and fruits of a width that is unusual of it are told.
+    the scene's, and fruits of a width that is unusual of it are told. Fruits without depth are
+    solid where they may be, unless a sighting measured one there.
 
     Raises:
         InvalidRequestError: no fruit is ripe with the probability ``parameters.least_ripe``.
@@ -293,7 +298,7 @@ def seen_scene(
         role: Role = "target" if item is target else "pushable"
         stem = item.stem or Stem.hidden(item.position, known.up, long, p.tilt)
         fruits.append(replace(item, role=role, stem=stem))
-    objects = cleared(fruits, known.up)
+    objects = (*cleared(fruits, known.up), *hidden_in(sights, found))
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),

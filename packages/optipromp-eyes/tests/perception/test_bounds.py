@@ -320,21 +320,6 @@ def test_a_pipe_is_no_network(tmp_path: Path) -> None:
         ByNetwork(tmp_path / "n.onnx")
 
 
-def test_a_camera_of_a_message_has_all_its_numbers() -> None:
-    from tests.ros import camera_messages as made
-
-    from optipromp_ros.images import Taken
-
-    colour, depth = (made.image(each, kind, 1) for each, kind in (
-        (picture().rgb, "rgb8"), (picture().depth.astype(np.float32), "32FC1"),
-    ))  # fmt: skip
-    lens = made.info(picture().camera, 1)
-    Taken(colour.header, colour, depth, lens).picture()
-    lens.k = lens.k[:2]
-    with pytest.raises(InvalidRequestError, match="k has 2 and p 12 numbers"):
-        Taken(colour.header, colour, depth, lens).picture()
-
-
 def tiff(array: np.ndarray) -> bytes:
     Image.fromarray(array).save(stream := io.BytesIO(), "TIFF")
     return stream.getvalue()

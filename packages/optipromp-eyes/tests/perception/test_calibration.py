@@ -326,6 +326,27 @@ def test_the_command_writes_a_camera_that_see_takes(
     assert "no ripe fruit is seen" in seen.stdout  # the picture is black; the camera was taken
 
 
+def test_a_view_with_a_wrong_pose_is_named_and_a_rough_fit_is_written_by_force_alone(
+    shots: tuple[Path, Pose], tmp_path: Path
+) -> None:
+    folder, _ = shots
+    poses = json.loads((folder / "poses.json").read_text())
+    out = tmp_path / "camera.json"
+    for step, written in ((0.004, True), (0.03, False)):
+        poses["4.png"]["joints"][0] += step  # [rad], of an arm that reaches half a metre
+        (tmp_path / "poses.json").write_text(json.dumps(poses))
+        done = asked(folder, out, "--json", "--poses", tmp_path / "poses.json")
+        assert "warning: 4.png leaves" in done.stderr
+        told = json.loads(done.stdout)
+        assert told["apart"][0] == "4.png"
+        assert (done.exit_code, bool(told["file"]), out.exists()) == (not written, written, written)
+        out.unlink(missing_ok=True)
+    said = asked(folder, out, "--poses", tmp_path / "poses.json").stdout
+    assert "pixels, must be 3 at most" in said
+    assert asked(folder, out, "--poses", tmp_path / "poses.json", "--force").exit_code == 0
+    assert out.exists()
+
+
 def test_the_command_says_what_to_do(shots: tuple[Path, Pose], tmp_path: Path) -> None:
     folder, _ = shots
     out = tmp_path / "camera.json"

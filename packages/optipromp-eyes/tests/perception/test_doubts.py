@@ -1,5 +1,6 @@
 """What is no fruit, and what is wrong with a picture: told apart, or told by its cause."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -19,6 +20,7 @@ from optipromp_eyes import (
     EyeParameters,
     Sighting,
     look_at,
+    seen_scene,
 )
 from optipromp_eyes.doubts import balanced, register_of
 from optipromp_eyes.eyes import doubt_of
@@ -246,3 +248,31 @@ def test_stems_that_do_not_hang_from_above_are_told_with_the_cause(fault: str) -
     told = [each for each in look_at(shown, up=up).doubts if "stems do not hang" in each]
     assert len(told) == 1
     assert cause in told[0]
+
+
+@pytest.mark.parametrize("finder", [ByGeometry, ByNetwork])
+@pytest.mark.parametrize("kind", ["unripe", "ripe"])
+def test_a_fruit_without_depth_is_told_and_solid(
+    finder: type[ByGeometry | ByNetwork], kind: str
+) -> None:
+    """As of a shiny skin: it was in no scene and in no doubt, and planned through."""
+    shot = shot_of()
+    value, name = next((k, one.id) for k, one in enumerate(shot.marked, 1) if one.kind == kind)
+    mask = shot.masks == value
+    blind = replace(shot.picture, depth=np.where(mask, 0.0, shot.picture.depth))
+    eye = finder()
+    whole = look_at(shot.picture, up=shot.scene.up, finder=eye)
+    assert not whole.unmeasured
+    sight = look_at(blind, up=shot.scene.up, finder=eye)
+    (solid,) = sight.unmeasured
+    (told,) = [words for words in sight.doubts if "without depth" in words]
+    column, row = map(int, re.findall(r"(?:column|row) (\d+)", told))
+    assert mask[row, column]
+    fruit = next(item for item in shot.scene.objects if item.id == name)
+    there = solid.transformed(shot.picture.camera.pose)
+    local = np.abs((fruit.position - there.position) @ there.rotation)
+    assert (local < there.shape.measure.half).all()
+    if kind == "unripe":
+        assert "unmeasured1" in {item.id for item in seen_scene(sight, shot.scene)[0].static}
+    both = seen_scene([whole, sight], shot.scene)[0]  # the other picture measured it
+    assert not any("unmeasured" in item.id for item in both.objects)

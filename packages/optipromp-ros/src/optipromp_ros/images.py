@@ -14,14 +14,18 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.pose import Pose
 from optipromp_eyes.pictures import CameraModel, DepthPicture, Image8, decoded, taken
+from optipromp_ros.camera_infos import Infos, camera_of, is_rectified, is_registered
+from optipromp_ros.rvl import decoded_rvl
 from optipromp_ros.trajectories import NANO, nanoseconds
 from optipromp_ros.types import Message
 
 IMAGE, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 CLOUD, CAMERA_INFO = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/CameraInfo"
-PICTURES = IMAGE, COMPRESSED, CLOUD, CAMERA_INFO
+SHOWN = IMAGE, COMPRESSED, CLOUD
+PICTURES = *SHOWN, CAMERA_INFO
 APART = 0.02  # [s] between the stamps of colour and depth of one picture, at most: a choice
 WAITING = 8  # messages of one kind that wait for the other: a choice
+LOST = 2  # infos in a row without which pictures wait for none: a choice
 OFF = 0.5  # [pixel] of a cloud's points from a camera's picture, at most: a choice
 LEAST = 100  # points of a cloud that tell its camera: a choice
 _COLOURS = {"rgb8": (3, [0, 1, 2]), "bgr8": (3, [2, 1, 0]), "rgba8": (4, [0, 1, 2]),
@@ -66,37 +70,31 @@ class Taken:
                 f"depth is of the imager {frames[0]!r} and colour of {frames[1]!r}: take the depth "
                 "that is registered to the colour, as aligned_depth_to_color or depth_registered"
             )
-        info = self.info
-        assert info is not None
-        if (len(info.k), len(info.p)) != (9, 12):
-            sizes = f"k has {len(info.k)} and p {len(info.p)} numbers"
-            raise InvalidRequestError(f"a CameraInfo's {sizes}; must have 9 and 12")
-        matrix = info.p if self.rectified and info.p[0] > 0.0 else info.k
-        wide = len(matrix) // 3  # columns of P or K
-        fx, cx, fy, cy = (float(matrix[k]) for k in (0, 2, wide + 1, wide + 2))
-        bent = () if self.rectified or not np.any(info.d) else tuple(map(float, info.d))
-        if bent and info.distortion_model not in ("plumb_bob", "rational_polynomial", ""):
-            raise InvalidRequestError(
-                f"distortion {info.distortion_model!r} is not read: take the rectified pictures"
-            )
-        size = int(info.width), int(info.height)
-        camera = CameraModel(*size, fx, fy, cx, cy, pose, distortion=bent)
+        assert self.info is not None
+        height, width = depth.shape
+        camera = camera_of(self.info, width, height, self.rectified, pose)
         return taken(rgb, depth, camera).thinned()
 
 
 class Pictures:
     """Joins messages to pictures: colour with the depth of the same moment and the camera.
 
-    ``topics``: of colour and depth, or of a cloud; None: all, of which each kind may have one.
+    Where infos come with the pictures, a picture waits for that of its own stamp.
+
+    Args:
+        topics: of colour and depth, or of a cloud; None: all, of which each kind may have one.
+        live: whether infos come with the pictures; else all are heard before the first.
     """
 
-    def __init__(self, topics: Collection[str] | None = None) -> None:
+    def __init__(self, topics: Collection[str] | None = None, live: bool = True) -> None:
         self._topics = topics
         self._of: dict[Part, str] = {}
         self._waiting: dict[Part, deque[Message]] = {
             "colour": deque(maxlen=WAITING), "depth": deque(maxlen=WAITING),
         }  # fmt: skip
-        self._infos: dict[str, Message] = {}
+        self._infos = Infos(topics or (), live)
+        self._joined: tuple[Message, Message] | None = None  # colour and depth without their info
+        self._patience = 0  # pictures that wait for the info of their stamp, until some are lost
         self.seen = dict[str, str]()
         """What each topic of pictures has, by its name."""
         self.apart = math.inf
@@ -109,8 +107,8 @@ class Pictures:
             return None
         self.seen[topic] = part or _encoding(item)
         if part == "camera":
-            self._infos[item.header.frame_id] = item
-            return None
+            self._infos.heard(topic, item)
+            return self._completed()
         if part is None:
             return None
         if self._of.setdefault(part, topic) != topic:
@@ -120,10 +118,11 @@ class Pictures:
         if part == "cloud":
             return Taken(item.header, item)
         self._waiting[part].append(item)
-        return self._joined(part, item)
+        self._join(part, item)
+        return self._completed()
 
-    def _joined(self, part: Part, item: Message) -> Taken | None:
-        """The picture of a message and its nearest of the other kind; both are then used up."""
+    def _join(self, part: Part, item: Message) -> None:
+        """Join a message with its nearest of the other kind; both are then used up."""
         other = self._waiting["depth" if part == "colour" else "colour"]
         at = nanoseconds(item.header.stamp)
 
@@ -133,18 +132,24 @@ class Pictures:
         near = min(other, key=away, default=None)
         if near is None or away(near) > APART * NANO:
             self.apart = min(self.apart, math.inf if near is None else away(near) / NANO)
-            return None
-        colour, depth = (item, near) if part == "colour" else (near, item)
-        only = next(iter(self._infos.values())) if len(self._infos) == 1 else None
-        beside = self._infos.get(depth.header.frame_id, only)
-        info = self._infos.get(colour.header.frame_id, beside)  # of the colours' frame first
-        if info is None:
-            return None
+            return
+        self._patience -= self._joined is not None  # its info was lost
+        self._joined = (item, near) if part == "colour" else (near, item)
         for waiting in self._waiting.values():
             waiting.clear()
-        aligned = any(word in self._of["depth"] for word in ("aligned", "registered"))
-        rectified = "rect" in self._of["colour"]
-        return Taken(colour.header, colour, depth, info, rectified, aligned)
+
+    def _completed(self) -> Taken | None:
+        """The picture whose colour, depth and info are there."""
+        if self._joined is None:
+            return None
+        (colour, depth), (one, other) = self._joined, (self._of["colour"], self._of["depth"])
+        frames = colour.header.frame_id, depth.header.frame_id
+        found = self._infos.find(one, frames, nanoseconds(colour.header.stamp))
+        if found is None or (self._infos.live and self._patience > 0 and not found[1]):
+            return None
+        info, exact = found
+        self._patience, self._joined = LOST if exact else self._patience, None
+        return Taken(colour.header, colour, depth, info, is_rectified(one), is_registered(other))
 
 
 def part_of(item: Message) -> Part | None:
@@ -155,9 +160,9 @@ def part_of(item: Message) -> Part | None:
     if kind == CLOUD:
         return "cloud"
     if kind == COMPRESSED:
-        if "compressedDepth" in encoding:
-            return "depth"
-        return None if encoding.startswith(("mono", "16UC1")) else "colour"
+        if "compressedDepth" in encoding or encoding.partition(";")[0] in _DEPTHS:
+            return "depth"  # the latter without loss, as PNG or TIFF
+        return None if encoding.startswith("mono") else "colour"
     if encoding in _COLOURS:
         return "colour"
     return "depth" if encoding in _DEPTHS else None
@@ -178,11 +183,16 @@ def _colour(item: Message) -> Image8:
 def _depth(item: Message) -> FloatArray:
     """Depths [m]; 0 where nothing was measured."""
     if item.__msgtype__ == COMPRESSED:
-        data = bytes(item.data)  # 12 bytes tell how depths were coded, then comes a PNG
-        if len(data) < 12:
-            raise InvalidRequestError(f"a compressed depth has {len(data)} bytes; must have 12")
+        data, name = bytes(item.data), "a compressed depth"
+        if "compressedDepth" not in item.format:
+            plain = decoded(data, name)
+            scale = 1.0 if plain.dtype.kind == "f" else _DEPTHS["16UC1"][1]
+            return _measured(plain.astype(np.float64) * scale)
+        if len(data) < 12:  # that tell how depths were coded, before a PNG or RVL
+            raise InvalidRequestError(f"{name} has {len(data)} bytes; must have 12")
         _, a, b = struct.unpack("<iff", data[:12])
-        steps = decoded(data[12:], "a compressed depth").astype(np.float64)
+        rvl = item.format.rstrip().endswith("rvl")
+        steps = (decoded_rvl(data[12:]) if rvl else decoded(data[12:], name)).astype(np.float64)
         if not item.format.startswith("32FC1"):
             return np.asarray(steps * _DEPTHS["16UC1"][1])
         with np.errstate(divide="ignore"):

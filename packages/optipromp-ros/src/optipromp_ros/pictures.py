@@ -10,7 +10,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes.pictures import CameraModel, DepthPicture
 from optipromp_ros.frames import TF
-from optipromp_ros.images import APART, CAMERA_INFO, PICTURES, Pictures
+from optipromp_ros.images import APART, CAMERA_INFO, SHOWN, Pictures
 from optipromp_ros.places import CameraPlace
 from optipromp_ros.recordings import JOINT_STATE
 from optipromp_ros.trajectories import NANO
@@ -49,14 +49,15 @@ def bag_pictures(
         InvalidRequestError: no bag, no pictures, several topics of a kind, or a camera that no
             frame tells the place of.
     """
-    taken, where = Pictures(topics), CameraPlace(path, scene, camera, prefix, topics or ())
+    taken = Pictures(topics, live=False)
+    where = CameraPlace(path, scene, camera, prefix, topics or ())
     for item in read_bag(path, types=(TF, JOINT_STATE, CAMERA_INFO)):
         if item.message.__msgtype__ == CAMERA_INFO:
             taken.heard(item.topic, item.message)
         else:
             where.heard(item)
     first = last = None
-    for topic, item, _ in read_bag(path, topics=topics, types=PICTURES):
+    for topic, item, _ in read_bag(path, topics=topics, types=SHOWN):
         found = taken.heard(topic, item)
         if found is None or (last is not None and found.stamp < last + every * NANO):
             continue

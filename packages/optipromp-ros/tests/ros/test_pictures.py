@@ -1,7 +1,9 @@
 """Pictures of bags: decoded, joined, placed; and seen as those of files are."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,9 @@ from optipromp.core.scenes import save_scene
 from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp_eyes import CameraModel, DepthPicture, Watcher, look_at
+from optipromp_eyes.pictures import taken
 from optipromp_ros import Message, PickLoop, Recorded, bag_pictures, message, write_bag
+from optipromp_ros.camera_infos import is_rectified, is_registered
 from optipromp_ros.frames import known_frames
 from optipromp_ros.images import Pictures
 from optipromp_sim.generate import generate
@@ -36,12 +40,14 @@ DEPTH = DEPTH.astype(np.float32)
 COLOUR, FAR, CLOUD = "/cam/color/image_raw", "/cam/depth/image_raw", "/cam/points"
 
 
+SCENE_BASE = posed(SCENE)[0].link_names[0]
+
+
 def joined(colour: Message, far: Message, about: Message | None = None) -> DepthPicture:
     made = Pictures()
     made.heard("/cam/color/camera_info", about or info(CAMERA))
     assert made.heard(COLOUR, colour) is None
-    taken = made.heard(FAR, far)
-    return taken.picture()
+    return made.heard(FAR, far).picture()
 
 
 COLOURS = {
@@ -57,7 +63,11 @@ DEPTHS = {
     "big endian": (image(MILLI, "16UC1", EPOCH, big=True), 0.51e-3),
     "compressed 16UC1": (compressed(MILLI, EPOCH, "16UC1"), 0.51e-3),
     "compressed 32FC1": (compressed(DEPTH, EPOCH, "32FC1"), 5e-3),
+    "RVL": (compressed(MILLI, EPOCH, "16UC1 rvl"), 0.51e-3),
+    "RVL 32FC1": (compressed(DEPTH, EPOCH, "32FC1 rvl"), 5e-3),
+    "PNG": (compressed(MILLI, EPOCH, "16UC1 plain"), 0.51e-3),
 }
+MILLIS = DEPTHS["16UC1"][0]
 
 
 @pytest.mark.parametrize("colour", COLOURS)
@@ -75,10 +85,104 @@ def test_depths_of_every_encoding_are_metres(far: str) -> None:
     assert (found.camera.cx, found.camera.cy) == (9.0, 6.0)
 
 
+def about(focal: float, stamp: int = EPOCH, **further: Any) -> Message:
+    """A ``CameraInfo`` of a sensor of 60 x 36 pixels."""
+    return info(CameraModel(60, 36, focal, 46.0, 30.0, 20.0), stamp, **further)
+
+
+@pytest.mark.parametrize(
+    ("part", "bins", "want"),
+    [
+        ((12, 8, 20, 12), 0, (44.0, 46.0, 18.0, 12.0)),
+        ((0, 0, 0, 0), 3, (44.0 / 3, 46.0 / 3, 10.0, 20.0 / 3)),
+        ((10, 6, 40, 24), 2, (22.0, 23.0, 10.0, 7.0)),
+    ],
+    ids=["part", "binning", "both"],
+)
+def test_a_part_of_the_sensor_and_binning_move_the_axis(
+    part: tuple[int, ...], bins: int, want: tuple[float, ...]
+) -> None:
+    x, y, width, height = part
+    roi = message("sensor_msgs/msg/RegionOfInterest", x_offset=x, y_offset=y, width=width,
+                  height=height)  # fmt: skip
+    told = about(44.0, roi=roi, binning_x=bins, binning_y=bins)
+    lens = joined(COLOURS["rgb8"], MILLIS, told).camera
+    assert (lens.fx, lens.fy, lens.cx, lens.cy) == pytest.approx(want)
+    old = {name.upper() if name in "dkrp" else name: value for name, value in vars(told).items()}
+    old = SimpleNamespace(**old)  # as ROS 1 has it
+    assert joined(COLOURS["rgb8"], MILLIS, old).camera.cx == lens.cx
+    with pytest.raises(InvalidRequestError, match="20 x 12 pixels; its CameraInfo tells of 60 x"):
+        joined(COLOURS["rgb8"], MILLIS, about(44.0))
+
+
+def sequence(*items: tuple[str, Message], topics: list[str] | None = None) -> list[float]:
+    """Focal lengths of the pictures of messages, as they are heard."""
+    made = Pictures(topics)
+    whole = (made.heard(topic, item) for topic, item in items)
+    return [one.picture().camera.fx for one in whole if one is not None]
+
+
+def small(focal: float, stamp: int = EPOCH) -> Message:
+    return info(CameraModel(20, 12, focal, 46.0, 9.0, 6.0), stamp)
+
+
+def shown(stamp: int) -> list[tuple[str, Message]]:
+    return [(COLOUR, image(RGB, "rgb8", stamp)), (FAR, image(MILLI, "16UC1", stamp))]
+
+
+def test_of_several_infos_that_of_the_topic_and_the_moment_is_taken(tmp_path: Path) -> None:
+    beside, other = "/cam/color/camera_info", "/cam/preview/camera_info"
+    two = [(beside, small(44.0)), (other, small(99.0))]
+    assert sequence(*two, *shown(EPOCH)) == [44.0]
+    assert sequence(*two, *shown(EPOCH), topics=[COLOUR, FAR, other]) == [99.0]
+    assert sequence((other, small(99.0)), *shown(EPOCH)) == [99.0]  # the only one
+    with pytest.raises(InvalidRequestError, match="tell of different cameras"):
+        sequence(("/else/camera_info", small(44.0)), two[1], *shown(EPOCH))
+    late = EPOCH + SECOND // 2
+    once = [(beside, small(44.0)), *shown(late), *shown(late + SECOND)]
+    assert sequence(*once) == [44.0, 44.0]
+    focals = [40.0, 50.0, 60.0]
+    each = [[*shown(EPOCH + k * SECOND), (beside, small(focal, EPOCH + k * SECOND))]
+            for k, focal in enumerate(focals)]  # fmt: skip
+    assert sequence(*(part for some in each for part in some)) == focals
+    assert sequence(*(part for some in each for part in some[::-1])) == focals
+    lost = [*each[0], *shown(EPOCH + SECOND), *each[2]]
+    assert sequence(*lost) == [40.0, 60.0]  # the second waited
+    lost += [part for k in (3, 4, 5) for part in shown(EPOCH + k * SECOND)]
+    assert sequence(*lost) == [40.0, 60.0, 60.0]  # infos have stopped
+    still = [("/tf_static", frames(0, (SCENE_BASE, FRAME, Pose())))]
+    items = [Recorded(*part) for some in (still, *each) for part in some]
+    write_bag(tmp_path / "zoom.mcap", items)
+    found = bag_pictures(tmp_path / "zoom.mcap", SCENE, every=0.0)
+    assert [one.picture.camera.fx for one in found] == focals
+    items += [Recorded(*part) for part in shown(EPOCH + SECOND // 2)]
+    write_bag(tmp_path / "between.mcap", items)
+    with pytest.raises(InvalidRequestError, match=r"nearest message is 0\.5 s from it"):
+        list(bag_pictures(tmp_path / "between.mcap", SCENE, every=0.0))
+
+
+@pytest.mark.parametrize(
+    ("topic", "straight", "registered"),
+    [
+        ("/cam/color/image_raw", False, False),
+        ("/direct/color/image_raw", False, False),
+        ("/gain_corrected/image", False, False),
+        ("/rect_cam/image_raw/compressed", False, False),
+        ("/cam/image_rect_color", True, False),
+        ("/zed/rgb/color/rect/image/compressed", True, False),
+        ("/unaligned_depth/image_rect_raw", True, False),
+        ("/cam/aligned_depth_to_color/image_raw/compressedDepth", False, True),
+        ("/cam/depth_registered/image_rect", True, True),
+    ],
+)
+def test_names_of_topics_tell_by_whole_words(topic: str, straight: bool, registered: bool) -> None:
+    assert (is_rectified(topic), is_registered(topic)) == (straight, registered)
+
+
 def test_a_cloud_is_a_picture_whose_camera_fits_its_points() -> None:
     picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
-    taken = Pictures().heard(CLOUD, cloud(picture, EPOCH))
-    found = taken.picture()
+    whole = Pictures().heard(CLOUD, cloud(picture, EPOCH))
+    found = whole.picture()
     assert (found.rgb == RGB).all()
     assert np.abs(found.depth - DEPTH).max() < 1e-6
     assert found.camera.fx == pytest.approx(22.0, abs=1e-4)
@@ -86,38 +190,26 @@ def test_a_cloud_is_a_picture_whose_camera_fits_its_points() -> None:
     turned = cloud(picture, EPOCH)
     for field, name in zip(turned.fields, "zxy", strict=False):  # z forward is x forward now
         field.name = name
-    taken = Pictures().heard(CLOUD, turned)
+    whole = Pictures().heard(CLOUD, turned)
     with pytest.raises(InvalidRequestError, match="optical frame"):
-        taken.picture()
+        whole.picture()
     flat = message("sensor_msgs/msg/PointCloud2", height=1, width=9)
-    taken = Pictures().heard(CLOUD, flat)
+    whole = Pictures().heard(CLOUD, flat)
     with pytest.raises(InvalidRequestError, match="take the organised one"):
-        taken.picture()
+        whole.picture()
 
 
 def test_the_distortion_of_a_lens_is_taken_out() -> None:
-    """A ring that the lens bends outwards is back where a pinhole sees it."""
-    lens = CameraModel(200, 160, 150.0, 150.0, 99.5, 79.5)
-    bent = (-0.2, 0.03, 0.0, 0.0, 0.0)
-    rays = lens.rays[:, :, :2]
-    for _ in range(30):  # the ray of each bent pixel
-        square = (rays**2).sum(axis=2, keepdims=True)
-        rays = lens.rays[:, :, :2] / (1.0 + bent[0] * square + bent[1] * square**2)
-    ring = np.abs(np.linalg.norm(rays, axis=2) - 0.35) < 0.03
-    rgb = np.repeat(np.where(ring, 250, 5).astype(np.uint8)[:, :, None], 3, axis=2)
-    colour, far = image(rgb, "rgb8", EPOCH), image(np.full((160, 200), 500, np.uint16), "16UC1", 0)
-    far.header.stamp = colour.header.stamp
-    straight = np.abs(np.linalg.norm(lens.rays[:, :, :2], axis=2) - 0.35) < 0.03
-
-    def wrong(found: DepthPicture) -> float:
-        return float(((found.rgb[:, :, 0] > 128) != straight).mean())
-
-    assert wrong(joined(colour, far, info(lens, bent=bent))) < 0.01
-    assert wrong(joined(colour, far, info(lens))) > 0.02
-    fish = info(lens, bent=bent)
-    fish.distortion_model = "equidistant"
+    bent, told = (-0.2, 0.03, 0.0, 0.0, 0.0), info(CAMERA, bent=(-0.2, 0.03, 0.0, 0.0, 0.0))
+    found = joined(COLOURS["rgb8"], MILLIS, told)
+    assert (found.rgb == taken(RGB, DEPTH, replace(CAMERA, distortion=bent)).rgb).all()
+    assert (found.rgb != RGB).any()
+    told.distortion_model = "equidistant"
     with pytest.raises(InvalidRequestError, match="'equidistant' is not read"):
-        joined(colour, far, fish)
+        joined(COLOURS["rgb8"], MILLIS, told)
+    told.k = told.k[:2]
+    with pytest.raises(InvalidRequestError, match="k has 2 and p 12 numbers"):
+        joined(COLOURS["rgb8"], MILLIS, told)
 
 
 def test_what_is_no_picture_is_said() -> None:

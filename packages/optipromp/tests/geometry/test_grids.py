@@ -280,16 +280,10 @@ def truncated_stl():
         ("text.stl", b"this is not a mesh\n", "text.stl"),
         ("noise.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "noise.ply"),
         ("noise.obj", bytes(range(256)), "noise.obj"),
-        (
-            "open.obj",
-            OPEN,
-            "open.obj",
-        ),
-        (
-            "flat.obj",
-            OPEN.replace(b"v 0 1 0\nv 0 0 1", b"v 2 0 0\nv 3 0 0"),
-            "flat.obj",
-        ),
+        ("open.obj", OPEN, "open.obj"),
+        ("flat.obj", OPEN.replace(b"v 0 1 0\nv 0 0 1", b"v 2 0 0\nv 3 0 0"), "flat.obj"),
+        ("far.obj", OPEN.replace(b"v 0 0 1", b"v 0 0 1e300"), "far.obj"),
+        ("many.obj", OPEN + b"f 1 2 99999999999999999999\n", "many.obj"),
         ("box.dae", b"<x/>", "suffix"),
     ],
 )
@@ -324,6 +318,36 @@ def test_loads_clouds(tmp_path, name):
     np.testing.assert_allclose(cloud.points, 2.0 * points, atol=1e-6)
 
 
+@pytest.mark.parametrize(
+    "head", ["i,z,Y,x\n", "# i;z [m];y (m);X_m;\n", "i z y x label\n", "// i z y x\n"]
+)
+def test_columns_of_a_cloud_are_those_of_its_names(tmp_path, head):
+    points = np.random.default_rng(0).normal(size=(10, 3))
+    mark = next((mark for mark in ",;" if mark in head), " ")
+    label = "leaf" if "label" in head else ""
+    rows = [mark.join(map(str, (k, *point[::-1], label))) for k, point in enumerate(points)]
+    (tmp_path / "c.txt").write_text(head + "\n".join(rows))
+    assert (load_cloud(tmp_path / "c.txt", 0.01).points == points).all()
+    told = np.zeros(10, dtype=[(name, "f8") for name in ("intensity", "z", "y", "x")])
+    told["x"], told["y"], told["z"] = points.T
+    np.save(tmp_path / "c.npy", told)
+    assert (load_cloud(tmp_path / "c.npy", 0.01).points == points).all()
+
+
+def test_a_cloud_that_lies_on_its_side_or_has_no_size_is_refused(tmp_path):
+    points = np.random.default_rng(0).normal(size=(50, 3))
+    np.save(tmp_path / "c.npy", points.T)
+    with pytest.raises(InvalidSceneError, match="is it transposed"):
+        load_cloud(tmp_path / "c.npy", 0.01)
+    np.save(tmp_path / "c.npy", points)
+    for load, name in ((load_cloud, "c.npy"), (load_mesh, "m.stl")):
+        for scale in (0.0, -1.0):
+            (tmp_path / "m.stl").write_bytes(b"solid")
+            given = (0.01, scale) if load is load_cloud else (scale,)
+            with pytest.raises(InvalidSceneError, match=r"scale is .* above 0"):
+                load(tmp_path / name, *given)
+
+
 def test_pixels_without_depth_in_a_cloud_are_told(tmp_path):
     """Zeros at the base were START_IN_COLLISION without a hint."""
     points = np.random.default_rng(0).normal(size=(10, 3))
@@ -338,12 +362,20 @@ def test_pixels_without_depth_in_a_cloud_are_told(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [
-        ("c.csv", "x,y,z\n1,2,3\n1,2\n", "line 3"),
-        ("c.xyz", "1 2 3\n1,5 2,5 3,5\n", "line 2"),
+        ("c.csv", "x,y,z\n1,2,3\n1,2\n", "row 2 is not"),
+        ("c.xyz", "1 2 3\n1,5 2,5 3,5\n", "row 2 is not"),
         ("c.xyz", "# nothing\n", "must be (N, 3)"),
         ("c.npy", "no array", "cannot be read"),
         ("c.npz", "no array", "cannot be read"),
         ("c.csv", "1,2,nan\n", "points[0, 2] is nan"),
+        ("c.csv", "i,x,z\n0,1,2\n", "columns x, z: must have x, y and z, each once"),
+        (
+            "c.csv",
+            "1,2,3,4\n5,6,7,8\n9,0,1,2\n",
+            "(3, 4): must be (N, 3), N >= 1: is it transposed?",
+        ),
+        ("c.csv", "".join(f"{k},{k % 3},1,2\n" for k in range(9)), "first column counts the rows"),
+        ("c.txt", "1;2;3\n1;2;3\n", "its 2 points are all the same"),
     ],
 )
 def test_refuses_cloud_files(tmp_path, name, content, words):

@@ -1,7 +1,7 @@
 """The spheres of the Panda and its hand, against the maker's meshes.
 
 The meshes are those of the package example-robot-data (franka_description, Apache-2.0), which the
-extra `[models]` installs. Distances are Coal's. Nothing of `scripts/fit_cover.py` is used.
+extra `[models]` installs. Distances are Coal's.
 """
 
 from collections.abc import Callable

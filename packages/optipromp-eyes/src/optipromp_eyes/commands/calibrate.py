@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
-from optipromp.cli.command import Report, command, show_warning
+from optipromp.cli.command import FAILED, OK, Report, command, show_warning
 from optipromp.cli.console import grid, waiting
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import json_text, write_atomically
@@ -61,13 +61,15 @@ def calibrate(
     mount: Literal["hand", "base"] = "base",
     board: BoardOptions,
     known: str | None = None,
+    force: bool = False,
 ) -> Report:
     """Find where a camera is, from pictures of a board or from the arm's own tool.
 
     A camera on the hand looks at a board that stands; a camera that stands looks at a board fixed
     on the hand, or at the tool itself. Take 10 to 20 pictures, tilt the hand by 15 to 30 degrees to
     all sides between them, and turn it. Reported: what each view leaves, the standard deviation of
-    the camera's place, and how far it moves when one view is left out. Needs the extra 'calibrate'.
+    the camera's place, and how far it moves when one view is left out. Views that leave 5 times the
+    pixels that the board leaves by itself are named. Needs the extra 'calibrate'.
 
     Examples:
         optipromp calibrate shots --poses shots/poses.yaml --known row.yaml --camera d435.json \\
@@ -86,9 +88,16 @@ def calibrate(
             camera sees it, and joints, or the centre's position in the base.
         mount: hand: the camera is on it, the board stands; base: the other way.
         known (SCENE): Whose robot has these joints, and tool.
+        force: Write a camera whose views leave over 3 pixels, too.
     """
     from optipromp.core.planning.task import posed
-    from optipromp_eyes.calibration import by_tool, hand_eye, read_seen_tool, read_views
+    from optipromp_eyes.calibration import (
+        CalibrationParameters,
+        by_tool,
+        hand_eye,
+        read_seen_tool,
+        read_views,
+    )
     from optipromp_eyes.pictures import load_camera
 
     if (folder is None) == (tool is None):
@@ -115,18 +124,41 @@ def calibrate(
         show_warning(f"{name}: the board was not found")
     for words in found.doubts:
         show_warning(f"{words}: the standard deviation counts what that moves")
-    write_atomically(out, json_text(found.camera.document()).encode())
-    return Report(_document(found, out, without), _shown(found, out))
+    if found.apart:
+        show_warning(_apart(found))
+    rough = found.total("pixel") > CalibrationParameters().most_pixel and not force
+    if rough:
+        ends = (
+            f"not written: the views leave {found.total('pixel'):.1f} pixels, must be 3 at most: "
+        )
+        ends += "mend the poses or leave out the worst views, or write it by --force"
+    else:
+        write_atomically(out, json_text(found.camera.document()).encode())
+        ends = f"wrote {out}"
+    document = _document(found, None if rough else out, without)
+    return Report(document, _shown(found, ends), FAILED if rough else OK)
 
 
-def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str, Any]:
+def _apart(found: "HandEye") -> str:
+    """What is said of views that leave much more than the board by itself."""
+    worst, *others = found.apart
+    pixel = next(each.pixel for each in found.residuals if each.name == worst)
+    also = f"; over 5 times also {', '.join(others)}" if others else ""
+    return (
+        f"{worst} leaves {pixel:.1f} pixels, {pixel / found.own:.0f} times what the board leaves "
+        f"by itself: a wrong pose, or an arm that errs{also}"
+    )
+
+
+def _document(found: "HandEye", out: Path | None, without: tuple[str, ...]) -> dict[str, Any]:
     board = found.board
     return {
-        "file": str(out),
+        "file": out and str(out),
         "camera": found.camera.document(),
         "sigma": found.sigma.tolist(),
         "sigma_deg": found.sigma_degree,
         "doubts": list(found.doubts),
+        "apart": list(found.apart),
         "left_out_moves": found.spread,
         "left_out_turns_deg": found.spread_degree,
         "residual": {name: found.total(name) for name in ("pixel", "metre", "degree")},
@@ -138,7 +170,7 @@ def _document(found: "HandEye", out: Path, without: tuple[str, ...]) -> dict[str
     }  # fmt: skip
 
 
-def _shown(found: "HandEye", out: Path) -> Iterator[Any]:
+def _shown(found: "HandEye", ends: str) -> Iterator[Any]:
     from rich.table import Table
 
     table: Table = grid(("view",), ("pixel", "mm", "degree"))
@@ -157,7 +189,7 @@ def _shown(found: "HandEye", out: Path) -> Iterator[Any]:
         f"  leaving one view out moves it by {1e3 * found.spread:.1f} mm and "
         f"{found.spread_degree:.2f} degrees at most"
     )
-    yield f"wrote {out}"
+    yield ends
 
 
 def _figures(pixel: float, metre: float, degree: float) -> tuple[str, ...]:

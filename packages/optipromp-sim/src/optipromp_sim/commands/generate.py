@@ -200,12 +200,12 @@ def render(
             shot = photograph(shown, mount, number, looks=looks)
             name = f"{Path(scene).stem}-{number}" if scene is not None else shot.scene.name
             told(len(records), len(numbers), name)
-            records.append(write_shot(shot, name, shot.scene, out))
+            records.append(write_shot(shot, name, out))
     lines = [f"wrote {len(records)} picture{'s' * (len(records) != 1)} to {out}"]
     return Report({"mount": mount, "looks": looks, "pictures": records}, lines)
 
 
-def write_shot(shot: "Photograph", name: str, true: "Scene | None", out: Path) -> dict[str, Any]:
+def write_shot(shot: "Photograph", name: str, out: Path) -> dict[str, Any]:
     """Write the files of a picture; returns what is said of it."""
     from optipromp_eyes.pictures import picture_files, png_file
 
@@ -219,8 +219,5 @@ def write_shot(shot: "Photograph", name: str, true: "Scene | None", out: Path) -
     parts[f"{name}.masks.json"] = files.json_text(masks).encode()
     files.write_together(out, parts)
     fruits = [each.id for each in shot.marked if each.kind in ("ripe", "unripe")]
-    told = {"name": name, "scene": None, "fruits": fruits}
-    if true is not None:
-        optipromp.save_scene(true, out / f"{name}.yaml")
-        told["scene"] = str(out / f"{name}.yaml")
-    return told
+    optipromp.save_scene(shot.scene, out / f"{name}.yaml")
+    return {"name": name, "scene": str(out / f"{name}.yaml"), "fruits": fruits}

@@ -53,6 +53,29 @@ class _Draws:
     swap: FloatArray  # (2,): whether two exchange ids, and which
 
 
+class _Chances:
+    """The random numbers of a detector of ``count`` fruits, whose slots take ``slot`` seconds."""
+
+    def __init__(self, count: int, slot: float, seed: int) -> None:
+        self.rng = rng = np.random.default_rng([seed, 9])
+        self.error = rng.standard_normal((count, 3))  # that stays, as tilt
+        self.tilt = rng.standard_normal((count, 2))
+        self._slot, self._phase = slot, slot * rng.random(count)
+        self.leafy = rng.random((count, 3))
+        self._slots = np.full(count, np.iinfo(np.int64).min)
+        self._held = np.zeros((count, 3))
+
+    def at(self, time: float) -> _Draws:
+        """Those of a picture at a time [s]."""
+        count = len(self._phase)
+        normal, even = self.rng.standard_normal((count, 5)), self.rng.random((count, 4))
+        slots = np.floor((time + self._phase) / self._slot).astype(np.int64)
+        new = slots != self._slots
+        self._held[new], self._slots = even[new, 1:], slots
+        swap = self.rng.random(2)
+        return _Draws(normal[:, :3], normal[:, 3:], even[:, 0], self._held.copy(), swap)
+
+
 class Detector:
     """A camera and its detector.
 
@@ -81,20 +104,13 @@ class Detector:
         self._sight = Sight(tuple(item.shape for item in self.fruits), scene, robot, palm)
         self.view = view_of(robot, parameters)
         self._hand, self._stand = hand_pose(robot, parameters), standing_pose(scene, parameters)
-        count = len(self.fruits)
-        self._rng = np.random.default_rng([seed, 9])
+        self._chances = _Chances(len(self.fruits), parameters.slot, seed)
         self._false = np.random.default_rng([seed, 9, 1])
         self._false_count = 0
-        self._error = self._rng.standard_normal((count, 3))
-        self._tilt = self._rng.standard_normal((count, 2))
-        self._phase = parameters.slot * self._rng.random(count)
-        self._leafy = self._rng.random((count, 3))
-        shift = parameters.camera_offset * self._rng.standard_normal(3)
-        turn = math.radians(parameters.camera_turn) * self._rng.standard_normal(3)
+        shift = parameters.camera_offset * self._chances.rng.standard_normal(3)
+        turn = math.radians(parameters.camera_turn) * self._chances.rng.standard_normal(3)
         self.miscalibration = Pose(shift, turned(turn))
         """The believed pose of the camera in its true frame."""
-        self._slots = np.full(count, np.iinfo(np.int64).min)
-        self._held = np.zeros((count, 3))
         self._leaves: tuple[Leaf, ...] | None = None
 
     def camera(self, q: FloatArray) -> Pose:
@@ -120,7 +136,7 @@ class Detector:
         """
         camera = self.camera(q)
         positions, rotations, stems = self._placed(fruits)
-        draws = self._draw(time)
+        draws = self._chances.at(time)
         if self._leaves is None:
             self._leaves = self._grown(camera, positions)
         seen = self._seen(camera, tool_frame(self.robot, q), positions, rotations, draws)
@@ -148,18 +164,10 @@ class Detector:
             stems[row] = np.asarray(fruits.stems[at])[::-1]
         return positions, rotations, stems
 
-    def _draw(self, time: float) -> _Draws:
-        count, rng = len(self.fruits), self._rng
-        normal, even = rng.standard_normal((count, 5)), rng.random((count, 4))
-        slots = np.floor((time + self._phase) / self.parameters.slot).astype(np.int64)
-        new = slots != self._slots
-        self._held[new], self._slots = even[new, 1:], slots
-        return _Draws(normal[:, :3], normal[:, 3:], even[:, 0], self._held.copy(), rng.random(2))
-
     def _grown(self, camera: Pose, positions: FloatArray) -> tuple[Leaf, ...]:
         """Leaves before some fruits, each in a direction within a cap about the camera's."""
         leaves = []
-        for row, (chance, height, turn) in enumerate(self._leafy.tolist()):
+        for row, (chance, height, turn) in enumerate(self._chances.leafy.tolist()):
             if chance < self.parameters.leaf:
                 way = camera.position - positions[row]
                 axes = frame_along(way / np.linalg.norm(way))
@@ -180,8 +188,9 @@ class Detector:
         chance = np.where(draws.held[:, 1] < p.missed_steadily, draws.held[:, 0], draws.chance)
         blind = np.full(len(positions), p.missed)
         if p.hidden != p.missed:
-            leaves = self._leaves or ()
-            share = self._sight.hidden(camera.position, frame, positions, rotations, leaves)
+            share = self._sight.hidden(
+                camera.position, frame, positions, rotations, self._leaves or ()
+            )
             ramp = (share - p.hidden_from) / (p.hidden_to - p.hidden_from)
             blind += (p.hidden - p.missed) * np.clip(ramp, 0.0, 1.0)
         away = np.linalg.norm(local, axis=1)
@@ -198,7 +207,7 @@ class Detector:
         far = (distance / p.reference) ** 2
         white, kept = math.sqrt(1.0 - p.steady), math.sqrt(p.steady)
         sigma, up = p.sigma(distance), camera.rotation.T @ self.scene.up
-        error = sigma * (white * draws.error[row] + kept * self._error[row])
+        error = sigma * (white * draws.error[row] + kept * self._chances.error[row])
         sight = away.position / max(distance, SLACK)
         error += (p.along - 1.0) * (error @ sight) * sight + p.bias * far * sight
         spread = sigma**2 * (np.eye(3) + (p.along**2 - 1.0) * np.outer(sight, sight))
@@ -206,7 +215,7 @@ class Detector:
         place = away.position + error
         hanging = self._hanging(row, pose, stem, draws)
         if hanging is not None:
-            angles = white * draws.tilt[row] + kept * self._tilt[row]
+            angles = white * draws.tilt[row] + kept * self._chances.tilt[row]
             angles *= math.radians(p.angle) * far
             lower = camera.rotation.T @ hanging
             along = tilt(lower, angles) @ lower
@@ -234,11 +243,9 @@ class Detector:
     def _calibration(self, place: FloatArray) -> FloatArray:
         """Covariance (3, 3) that the camera's offset and turn add at ``place`` (3,) [m²]."""
         p = self.parameters
-        if not p.told:
-            return np.zeros((3, 3))
         across = place @ place * np.eye(3) - np.outer(place, place)
         turned = math.radians(p.camera_turn) ** 2 * across
-        return np.asarray(p.camera_offset**2 * np.eye(3) + turned)
+        return np.asarray(float(p.told) * (p.camera_offset**2 * np.eye(3) + turned))
 
     def _wrong(self, camera: Pose, positions: FloatArray) -> list[SceneObject]:
         """False fruits: anywhere in the cone, about as far as the fruits.
@@ -246,8 +253,6 @@ class Detector:
         They have upright stems if an object of the scene has a stem.
         """
         p, rng, out = self.parameters, self._false, []
-        if p.false == 0.0:
-            return []
         away = np.linalg.norm(positions - camera.position, axis=1)
         middle = float(np.median(away)) if len(away) else p.reference
         up = camera.rotation.T @ self.scene.up
@@ -326,8 +331,8 @@ class Eye:
         """The look with the picture that stands still, while one does."""
         p, target = self.detector.parameters, self.detector.scene.target
         if self._held is None and target is not None:
-            place = dict(zip(fruits.ids, fruits.positions, strict=True)).get(target.id)
-            place = target.position if place is None else place
+            places = dict(zip(fruits.ids, fruits.positions, strict=True))
+            place = places.get(target.id, target.position)
             away = np.linalg.norm(place - self.detector.camera(q).position)
             if away < p.frozen_at:
                 self._held = time + p.frozen, look

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import re
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.errors import InvalidSceneError, installed_by
@@ -22,6 +23,8 @@ _VERTEX = re.compile(rb"^[ \t]*v[ \t]", re.M)  # of an OBJ
 _FACE = re.compile(rb"^[ \t]*f[ \t]+([^\r\n#]*)", re.M)
 _REST = re.compile(rb"/\S*")  # of a corner: texture and normal
 _BELOW = re.compile(rb"<p>[^<]*?(-\d+)")  # of a DAE: a negative index
+_AXIS = re.compile(r"([xyz])(?![a-z0-9])", re.I)  # at the begin of a column's name
+_ROW = re.compile(r"at row (\d+)")  # in an error of NumPy
 _CLOUD_SUFFIXES = (".npy", ".npz", ".csv", ".xyz", ".txt", ".ply")
 
 
@@ -37,6 +40,7 @@ def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
             or trimesh is not installed.
     """
     content = _content(path, "mesh", _MESH_SUFFIXES)
+    _check_scale(scale, f"mesh {path}")
     loaded = _trimesh_load(path, content, "mesh")
     parts = list(loaded.geometry.values()) if hasattr(loaded, "geometry") else [loaded]
     if not parts or not all(hasattr(part, "faces") and len(part.faces) for part in parts):
@@ -44,7 +48,10 @@ def load_mesh(path: Path, scale: float = 1.0) -> MeshShape:
     for part in parts:
         if fault := face_fault(part.faces, len(part.vertices)):
             raise InvalidSceneError(f"mesh {path}: {fault}")
-        part.process()
+        try:
+            part.process()
+        except Exception as error:  # numbers too large for trimesh
+            raise _unreadable("mesh", path, error) from None
     if hasattr(loaded, "to_mesh"):
         loaded = loaded.to_mesh()
     vertices = scale * np.asarray(loaded.vertices, dtype=np.float64)
@@ -66,7 +73,7 @@ def index_fault(suffix: str, content: bytes) -> str:
     lines = [_REST.sub(b"", line) for line in _FACE.findall(content.replace(b"\\\n", b" "))]
     try:
         index = np.array(b" ".join(lines).split(), dtype=np.int64)
-    except ValueError:  # trimesh tells
+    except (ValueError, OverflowError):  # trimesh tells
         return ""
     row = np.repeat(np.arange(len(lines)), [len(line.split()) for line in lines])
     bad = (index == 0) | (index > count) | (index < -count)
@@ -87,34 +94,66 @@ def _named(row: IntArray, index: IntArray, bad: BoolArray, right: str) -> str:
 
 
 def load_cloud(path: Path, radius: float, scale: float = 1.0) -> PointCloudShape:
-    """Load a point cloud; columns past the third (colours, normals) are ignored.
+    """Load a point cloud: its columns ``x``, ``y`` and ``z``, or without names the first three.
 
     Args:
-        path: ``.npy`` (N, 3), ``.npz`` (key ``points``, or its only array), ``.csv`` (commas),
-            ``.xyz`` or ``.txt`` (blanks), with at most one line of headings, or ``.ply``.
+        path: ``.npy`` (N, 3 or more), ``.npz`` (key ``points``, or its only array), ``.csv``,
+            ``.xyz`` or ``.txt`` (semicolons, commas or blanks), which may begin with a line that
+            names the columns, or ``.ply``.
         radius: of every point [m].
-        scale: from the file's unit to metres.
+        scale: from the file's unit to metres, above 0.
 
     Raises:
-        InvalidSceneError: the file is missing, malformed or empty.
+        InvalidSceneError: the file is missing, malformed or empty, or :func:`points_of` refuses it.
     """
-    content = _content(path, "point cloud", _CLOUD_SUFFIXES)
+    content, what = _content(path, "point cloud", _CLOUD_SUFFIXES), f"point cloud {path}"
+    _check_scale(scale, what)
     suffix = path.suffix.lower()
     if suffix == ".ply":
         loaded = _trimesh_load(path, content, "point cloud")
-        points = np.asarray(getattr(loaded, "vertices", np.zeros((0, 3))), dtype=np.float64)
+        points = points_of(getattr(loaded, "vertices", np.zeros((0, 3))), what)
     elif suffix in (".npy", ".npz"):
-        points = _numpy_points(path, content)
+        points = points_of(_numpy_table(path, content), what)
     else:
-        points = _text_points(path, content, "," if suffix == ".csv" else None)
-    if points.ndim != 2 or points.shape[1] < 3 or not len(points):
-        raise InvalidSceneError(
-            f"point cloud {path}: holds an array of shape {points.shape}: must be (N, 3), N >= 1"
-        )
-    if (empty := int((points[:, :3] == 0.0).all(axis=1).sum())) > 1:
+        table, names = _text_table(path, content)
+        points = points_of(table, what, names)
+    if (empty := int((points == 0.0).all(axis=1).sum())) > 1:
         told = "are (0, 0, 0), as pixels without depth are: leave them out"
-        warnings.warn(f"point cloud {path}: {empty} of {len(points)} points {told}", stacklevel=2)
-    return PointCloudShape(scale * points[:, :3], radius, path, scale)
+        warnings.warn(f"{what}: {empty} of {len(points)} points {told}", stacklevel=2)
+    return PointCloudShape(scale * points, radius, path, scale)
+
+
+def points_of(table: NDArray[Any], what: str, names: Sequence[str] = ()) -> FloatArray:
+    """The points (N, 3) of a table (N, 3 or more): by its columns' names, else its first columns.
+
+    Raises:
+        InvalidSceneError: names without x, y and z; a table (3, N); a first column that counts the
+            rows; points that are all the same.
+    """
+    if named := names or table.dtype.names or ():
+        axes = [found.group(1).lower() if (found := _AXIS.match(name)) else "" for name in named]
+        if not all(axes.count(each) == 1 for each in "xyz"):
+            told = ", ".join(named)[:99]
+            raise InvalidSceneError(f"{what}: columns {told}: must have x, y and z, each once")
+        at = [axes.index(each) for each in "xyz"]
+        columns = [table[:, k] if names else table[named[k]].ravel() for k in at]
+        table = np.stack(columns, axis=1)
+    if table.ndim != 2 or table.shape[1] < 3 or not len(table) or len(table) < table.shape[1] > 3:
+        turned = ": is it transposed?" if table.ndim == 2 < len(table) < table.shape[1] else ""
+        raise InvalidSceneError(
+            f"{what}: holds an array of shape {table.shape}: must be (N, 3), N >= 1{turned}"
+        )
+    points = np.asarray(table[:, :3], dtype=np.float64)
+    if len(points) > 1 and (points == points[0]).all():
+        raise InvalidSceneError(f"{what}: its {len(points)} points are all the same")
+    if not named and len(points) > 3 and (np.diff(points[:, 0]) == 1.0).all():
+        raise InvalidSceneError(f"{what}: its first column counts the rows: must be x, y, z")
+    return points
+
+
+def _check_scale(scale: float, what: str) -> None:
+    if not 0.0 < scale < np.inf:
+        raise InvalidSceneError(f"{what}: scale is {scale:g}: must be finite and above 0")
 
 
 def _content(path: Path, what: str, suffixes: tuple[str, ...]) -> bytes:
@@ -146,7 +185,7 @@ def _trimesh_load(path: Path, content: bytes, what: str) -> Any:
         raise _unreadable(what, path, error) from None
 
 
-def _numpy_points(path: Path, content: bytes) -> FloatArray:
+def _numpy_table(path: Path, content: bytes) -> NDArray[Any]:
     try:
         if path.suffix.lower() == ".npz":
             arrays = read_npz(path, InvalidSceneError)
@@ -156,7 +195,7 @@ def _numpy_points(path: Path, content: bytes) -> FloatArray:
             data = arrays.get("points", next(iter(arrays.values())))
         else:
             data = np.load(io.BytesIO(content), allow_pickle=False)
-        return np.asarray(data, dtype=np.float64)
+        return np.asarray(data, dtype=None if data.dtype.names else np.float64)
     except Exception as error:
         raise _unreadable("point cloud", path, error) from None
 
@@ -166,23 +205,25 @@ def _unreadable(what: str, path: Path, error: Exception) -> InvalidSceneError:
     return InvalidSceneError(f"{what} {path}: cannot be read: {reason}")
 
 
-def _text_points(path: Path, content: bytes, delimiter: str | None) -> FloatArray:
+def _text_table(path: Path, content: bytes) -> tuple[FloatArray, list[str]]:
+    """The numbers of a text, and the names of its columns, if its first line has them."""
     try:
-        lines = content.decode("utf-8-sig").splitlines()
-    except UnicodeDecodeError:
-        raise InvalidSceneError(f"point cloud {path}: is no text in UTF-8") from None
-    rows: list[list[float]] = []
-    for number, line in enumerate(lines, start=1):
-        text = line.split("#", 1)[0].strip()
-        if not text:
-            continue
-        row: list[float] = []
-        with contextlib.suppress(ValueError):
-            row = [float(entry) for entry in text.split(delimiter)[:3]]
-        if len(row) == 3:
-            rows.append(row)
-        elif number > 1:  # the first line may hold headings
-            raise InvalidSceneError(
-                f"point cloud {path}: line {number}: must begin with three numbers"
-            )
-    return np.array(rows, dtype=np.float64).reshape(-1, 3)
+        lines = [line for line in content.decode("utf-8-sig").splitlines() if line.strip()]
+        first = lines[0].strip() if lines else ""
+        mark = next((mark for mark in ";," if mark in first), None)
+        words = [word.strip("\"' ") for word in first.strip("#/ \t").split(mark)]
+        axes = [k for k, word in enumerate(words) if _AXIS.match(word)]
+        if first[:1] in "#/" and len(axes) != 3:  # a comment may begin with anything
+            axes = []
+        rows = lines[1:] if axes or first.isdigit() else lines  # first a count of the points
+        if not any(row.split("#", 1)[0].strip() for row in rows):
+            return np.zeros((0, 3)), []
+        table = np.loadtxt(rows, delimiter=mark, ndmin=2, usecols=axes or None)
+        return table, [words[k] for k in axes]
+    except ValueError as error:  # in whose words there may be a line of any file
+        found = _ROW.search(str(error))
+        row = "a row" if found is None else f"row {int(found[1]) + ('convert' in str(error))}"
+        raise InvalidSceneError(
+            f"point cloud {path}: {row} is not as it must be: UTF-8, three numbers or more, as "
+            "many as the others"
+        ) from None

@@ -44,7 +44,7 @@ FINGER: dict[str, Corners] = {
     "pad": ((8, 0, 36), (8, 15, 36), (8, 15, 53.9), (8, 0, 53.9)),
 }
 # y, z, radius [m] in the same axes: the fewest spheres that contain every point of the maker's
-# meshes and reach at most 15 mm beyond them (scripts/fit_cover.py). They contain the parts above.
+# meshes and reach at most 15 mm beyond them (docs/decisions.md). They contain the parts above.
 PALM_SPHERES = (
     (-0.064, -0.004, 0.0312), (-0.08, 0.004, 0.0328), (-0.02, 0.008, 0.0423),
     (0.028, 0.012, 0.041), (0.068, 0.016, 0.039), (-0.016, 0.036, 0.0378),

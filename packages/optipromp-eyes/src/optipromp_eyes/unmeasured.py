@@ -1,0 +1,130 @@
+"""Fruits that a picture shows and whose depth nobody measured, as of a shiny skin.
+
+Where such a fruit is tell its breadth in the picture and that of usual fruits: it is solid from the
+nearest to the farthest place.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy import ndimage
+
+from optipromp.core.arrays import BoolArray, FloatArray, frame_along
+from optipromp.core.geometry.shapes import Cone
+from optipromp.core.scenes.objects import SceneObject
+from optipromp_eyes.doubts import steepness
+from optipromp_eyes.finder import Found
+from optipromp_eyes.fusing import Sighting
+from optipromp_eyes.geometry import SQUARE, coloured, smooth
+from optipromp_eyes.parameters import EyeParameters
+from optipromp_eyes.pictures import CLOSEST, DepthPicture
+from optipromp_eyes.stems import Spheroid
+
+EVERY = 2  # [pixel] of a row and column that is looked at: a choice that bounds time
+LONGEST = 2.2  # length over breadth of a fruit: a choice; leaves and stems are longer
+DENSEST = 0.85  # area over that of the ellipse of the same spread, at least: a choice
+USUAL = 1.5  # deviations of a fruit's radius that the places count: a choice
+EDGE = 12.0  # [of 255 a pixel] steepness of colours that bounds a patch: a choice
+CLOSED = 0.85  # share of what is about a patch that is edges: a choice
+BLURRED = 1.0  # [of EVERY pixels] by which an edge makes a patch smaller: a choice
+RING = 3  # [of EVERY pixels] about it, whose farthest depth it is before: a choice
+WIDER = 1.3  # outline of a fruit that was measured, whose holes are its own: a choice
+TOLD = "of the colour of fruits, and without depth"
+
+
+def unmeasured(
+    picture: DepthPicture, found: Found, fruits: Sequence[Spheroid], p: EyeParameters,
+    by_colour: bool,
+) -> tuple[tuple[str, SceneObject], ...]:  # fmt: skip
+    """Fruits without depth of a picture: column and row in words, and what is solid in the frame
+    of the camera.
+
+    They are what a finder found, and ``by_colour`` patches of their colours with edges all about,
+    where the finder knows colours alone. Left out is what is in the outline of one of the
+    ``fruits`` that were measured, and what a usual fruit would show from beyond ``p.farthest``.
+    """
+    depth = picture.depth[::EVERY, ::EVERY]
+    shown = np.zeros(picture.depth.shape, dtype=bool)
+    for region in found.fruits:
+        shown[region.box] |= region.part
+    bounds = depth > 0.0
+    masks = [shown[::EVERY, ::EVERY] & ~bounds]
+    if by_colour and not bounds.all():
+        rgb = smooth(picture.rgb[::EVERY, ::EVERY])
+        bounds |= steepness(rgb) >= 8.0 * EDGE  # the sum of Sobel's weights
+        colours = np.zeros(depth.shape, dtype=np.int8)
+        colours[~bounds] = coloured(rgb[~bounds].astype(np.float64), p)
+        masks += [colours == 1, colours == 2]
+    out: list[tuple[str, SceneObject]] = []
+    for marks in (ndimage.label(ndimage.binary_opening(mask, SQUARE))[0] for mask in masks):
+        for number, box in enumerate(ndimage.find_objects(marks), 1):
+            patch = marks[box] == number
+            if EVERY**2 * patch.sum() < p.least_pixels or not _is_round(patch):
+                continue
+            if by_colour and not _ringed(box, patch, bounds):
+                continue
+            row, column = (
+                EVERY * (part.start + float(places.mean()))
+                for part, places in zip(box, np.nonzero(patch), strict=True)
+            )
+            radius = EVERY * (math.sqrt(patch.sum() / math.pi) + BLURRED)
+            about = tuple(slice(max(b.start - RING, 0), b.stop + RING) for b in box)
+            place = np.array([column, row])
+            solid = _solid(picture, place, radius, float(depth[about].max()), fruits, p)
+            if solid is not None:
+                item = SceneObject(f"unmeasured{len(out) + 1}", "static", *solid)
+                out.append((f"column {column:.0f}, row {row:.0f}", item))
+    return tuple(out)
+
+
+def _is_round(patch: BoolArray) -> bool:
+    whole = ndimage.binary_fill_holes(patch)
+    small, large = np.linalg.eigvalsh(np.cov(np.vstack(np.nonzero(whole))))
+    ellipse = 4.0 * math.pi * math.sqrt(max(small * large, 1e-9))
+    return bool(large <= LONGEST**2 * small and whole.sum() >= DENSEST * ellipse)
+
+
+def _ringed(box: tuple[slice, ...], patch: BoolArray, edges: BoolArray) -> bool:
+    """Whether a patch has edges of colours about it, and not the border of the picture."""
+    if any(b.start == 0 or b.stop == n for b, n in zip(box, edges.shape, strict=True)):
+        return False
+    wide = np.pad(patch, 1)
+    ring = ndimage.binary_dilation(wide, SQUARE) & ~wide
+    return bool(edges[tuple(slice(b.start - 1, b.stop + 1) for b in box)][ring].mean() > CLOSED)
+
+
+def _solid(
+    picture: DepthPicture, place: FloatArray, radius: float, behind: float,
+    fruits: Sequence[Spheroid], p: EyeParameters,
+) -> tuple[Cone, FloatArray, FloatArray] | None:  # fmt: skip
+    """Shape, place and orientation of where a fruit may be that shows a ``radius`` [pixel] at a
+    ``place`` (column, row), ``behind`` it a depth [m], 0: none; None: it is none, or far."""
+    lens, focal = picture.camera, 0.5 * (picture.camera.fx + picture.camera.fy)
+    for fit in fruits:
+        away = float(np.linalg.norm(lens.pixels(fit.center) - place))
+        if away + radius < WIDER * focal * max(fit.radius, fit.half) / fit.center[2]:
+            return None
+    spread = math.exp(USUAL * p.radius_spread)
+    low, high = max(p.radius / spread, p.least_radius), min(p.radius * spread, p.most_radius)
+    near, far = low * focal / radius, high * focal / radius
+    if behind > 0.0:
+        far = min(far, max(behind, near) + high)
+    if far < CLOSEST or p.radius * focal / radius > p.farthest:
+        return None
+    ray = lens.through(place)
+    ray /= np.linalg.norm(ray)
+    shape = Cone(far * radius / focal, near * radius / focal, far - near)
+    return shape, 0.5 * (near + far) * ray, frame_along(ray)
+
+
+def hidden_in(sights: Sequence[Sighting], fruits: Sequence[SceneObject]) -> Iterator[SceneObject]:
+    """What is solid in the base frame, where no picture measured one of the ``fruits``."""
+    places = np.array([item.position for item in fruits]).reshape(-1, 3)
+    for k, sight in enumerate(sights):
+        for item in sight.unmeasured:
+            there = item.transformed(sight.look.camera)
+            local = np.abs((places - there.position) @ there.rotation)
+            if not (local <= there.shape.measure.half).all(axis=1).any():
+                yield replace(there, id=item.id if len(sights) == 1 else f"{item.id}-{k + 1}")
