@@ -29,7 +29,7 @@ from optipromp_sim.simulation.detector import Detector, Eye, Truth
 from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.outcome import Cause, Outcome
 from optipromp_sim.simulation.parameters import SimulationParameters
-from optipromp_sim.simulation.rollout import Rollout
+from optipromp_sim.simulation.records import Rollout
 from optipromp_sim.simulation.simulation import Simulation
 from optipromp_sim.simulation.world import World, build
 

@@ -20,7 +20,7 @@ from optipromp_sim.simulation.contacts import HarmSoFar, harm_so_far, in_tool, p
 from optipromp_sim.simulation.engine import Layer, engine
 from optipromp_sim.simulation.outcome import Outcome, judge
 from optipromp_sim.simulation.parameters import SimulationParameters
-from optipromp_sim.simulation.rollout import Rollout
+from optipromp_sim.simulation.records import Rollout
 from optipromp_sim.simulation.steps import Execution, Reference
 from optipromp_sim.simulation.world import GRIP, World, build
 

@@ -16,7 +16,7 @@ from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.grasps import between_blades, carried_by, scissor_of
 from optipromp_sim.simulation.outcome import HarmLog
 from optipromp_sim.simulation.parameters import STEM_FORCE
-from optipromp_sim.simulation.rollout import Rollout, StemCut, used
+from optipromp_sim.simulation.records import Rollout, StemCut, used
 from optipromp_sim.simulation.world import Fruit, World
 
 
