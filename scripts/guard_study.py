@@ -36,8 +36,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.trajectory import Trajectory
 from optipromp_bench.entries import ENTRIES
-from optipromp_bench.env import guarded
-from optipromp_bench.episode import LONGEST, Episode, FlightWorld, Observation
+from optipromp_bench.episode import LONGEST, Episode, FlightWorld, Observation, guarded
 from optipromp_bench.experiments.rows import source_version
 from optipromp_bench.experiments.statistics import share, tabled
 from optipromp_bench.running import ENGINES, STEADY
@@ -142,8 +141,8 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
     times [ms] at the shares SHARES, ``why`` counts its reasons.
     """
     situation = CONDITIONS[asked.noise](generate(asked.preset, asked.seed), asked.seed)
-    world = FlightWorld(situation.scene, asked.seed) if asked.engine == "flight" else None
-    episode = Episode(situation, asked.seed, world=world)
+    arena = FlightWorld(situation.scene, asked.seed) if asked.engine == "flight" else None
+    episode = Episode(situation, asked.seed, arena=arena)
     policy = policy_of(asked.entry, episode, asked.seed)
     if policy is None:
         return {"result": "refused"}, None
@@ -159,6 +158,7 @@ def driven(asked: Asked, parameters: GuardParameters) -> tuple[dict[str, Any], R
         wish = policy(seen) * min(max(left - SLOWED, 0.0) / SLOWED, 1.0)
         if asked.guarded:
             safe = guarded(guard, wish, episode)
+            episode.lead(episode.toward(safe.velocity, safe.curve))
             acted += safe.acted
             why.update([re.sub(r"\d+(\.\d+)?", "…", safe.reason)] * safe.acted)
             spent.append(guard.spent)

@@ -36,8 +36,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
-from optipromp_bench.env import guarded
-from optipromp_bench.episode import Episode
+from optipromp_bench.episode import Episode, guarded
 from optipromp_bench.experiments.trials import STUDY_PLANNERS, attempt
 from optipromp_eyes.eyes import look_at
 from optipromp_loop.guard import Guard
@@ -200,6 +199,7 @@ def behind(way: str, preset: str, seed: int, actions: int) -> list[Part]:
             speed = 0.3 / max(float(np.linalg.norm(far)), 0.1)
             wish = watch.tool(speed * far, episode.state)
         safe = guarded(watch, wish, episode)
+        episode.lead(episode.toward(safe.velocity, safe.curve))
         words.append(f"{int(safe.acted)}{int(safe.braked)} {safe.reason}")
         rows.append(
             np.concatenate([safe.velocity, safe.reference.q, [safe.probability], episode.state.q])
