@@ -20,7 +20,7 @@ from PIL import Image, ImageDraw
 
 sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 
-from eyes_study import SURE, SeenPicture, matched
+from studies.eyes import SURE, SeenPicture, matched
 
 from optipromp_eyes import look_at
 from optipromp_eyes.detector import finder_named

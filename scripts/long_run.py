@@ -10,15 +10,15 @@ process makes of its scene; so must those of eight threads at once.
 
 import argparse
 import hashlib
+import multiprocessing
 import statistics
-import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from optipromp.core.planning import plan, warm_up
-from optipromp.core.scenes import Scene, load_scene
+from optipromp.core.scenes import load_scene
 from optipromp_sim.generate import generate
 
 NAMES = (
@@ -29,15 +29,10 @@ FLAT = 0.05  # share by which memory may grow
 THREADS = 8
 
 
-def scene_of(name: str) -> Scene:
-    """A built-in scene, or a generated one: preset and seed."""
+def digest(name: str) -> str:
+    """Hash of the plan of a built-in scene, or of a generated one (preset and seed)."""
     preset, _, seed = name.partition(" ")
-    return generate(preset, int(seed)) if seed else load_scene(preset)
-
-
-def digest(scene: Scene) -> str:
-    """Hash of the planned trajectory, its status and its message."""
-    made = plan(scene)
+    made = plan(generate(preset, int(seed)) if seed else load_scene(preset))
     rows = made.trajectory.positions, made.trajectory.velocities, made.trajectory.times
     told = f"{made.status} {made.message}".encode()
     return hashlib.sha256(b"".join(row.tobytes() for row in rows) + told).hexdigest()[:16]
@@ -49,42 +44,26 @@ def resident() -> float:
     return pages * 4096 / 1e6
 
 
-def fresh(name: str) -> str:
-    """The digest that a process of its own makes."""
-    run = subprocess.run(
-        [sys.executable, __file__, "--one", name], capture_output=True, text=True, check=True
-    )
-    return run.stdout.split()[-1]
-
-
 def main() -> None:
     """Run, and print the figures; exit with 1 where one is not as it should be."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--plans", type=int, default=10_000)
-    parser.add_argument("--one", help="print the digest of one scene's plan")
-    asked = parser.parse_args()
-    if asked.one:
-        print(digest(scene_of(asked.one)))
-        return
+    rounds = max(parser.parse_args().plans // len(NAMES), 20)
+    with multiprocessing.get_context("spawn").Pool(1, maxtasksperchild=1) as fresh:
+        wanted = dict(zip(NAMES, fresh.map(digest, NAMES, chunksize=1), strict=True))
     warm_up()
-    wanted = {name: fresh(name) for name in NAMES}
-    rounds = max(asked.plans // len(NAMES), 20)
-    tenth = rounds // 10
-    memory, times, other = [], [], 0
+    tenth, memory, times, other = rounds // 10, list[float](), list[float](), 0
     for k in range(rounds):
         began = time.process_time()
-        other += sum(digest(scene_of(name)) != wanted[name] for name in NAMES)
+        other += sum(digest(name) != wanted[name] for name in NAMES)
         times.append(time.process_time() - began)
         memory.append(resident())
         if (k + 1) % tenth == 0:
             print(f"{(k + 1) * len(NAMES)} plans, {memory[-1]:.1f} MB, {other} other", flush=True)
     growth = memory[-1] / memory[tenth] - 1.0
-    early, late = (
-        statistics.median(times[part])
-        for part in (slice(tenth, 2 * tenth), slice(rounds - tenth, rounds))
-    )
+    early, late = statistics.median(times[tenth : 2 * tenth]), statistics.median(times[-tenth:])
     with ThreadPoolExecutor(THREADS) as pool:
-        found = list(pool.map(lambda name: digest(scene_of(name)), NAMES * 5))
+        found = list(pool.map(digest, NAMES * 5))
     apart = sum(one != wanted[name] for one, name in zip(found, NAMES * 5, strict=True))
     print(f"{rounds * len(NAMES)} plans of {len(NAMES)} scenes in one process")
     print(f"memory: {memory[tenth]:.1f} MB after a tenth, {memory[-1]:.1f} MB, {growth:+.2%}")

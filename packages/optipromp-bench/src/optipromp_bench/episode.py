@@ -151,18 +151,19 @@ class Episode(Pick["Outcome | Word"]):
     ``situation``: true scene, scene as first seen, camera, physics. ``seed``: of physics and looks.
     The same velocities give the same episode to the last bit. ``rate``: at which velocities come
     [Hz]; divides the controller's rate. ``arena``: that the episode happens in; None: the main
-    simulation.
+    simulation. ``longest``: time after which it ends [s]; None: LONGEST.
     """
 
     def __init__(
         self, situation: Situation, seed: int = 0, rate: float = RATE,
-        arena: Simulation | FlightWorld | None = None,
+        arena: Simulation | FlightWorld | None = None, longest: float | None = None,
     ) -> None:  # fmt: skip
         own = arena or Simulation(situation.scene, seed, situation.parameters)
         count = 1.0 / (rate * own.tick)
         if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
             raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
         self.situation, self.seed, self.period = situation, seed, 1.0 / rate
+        self.longest = longest or LONGEST
         self.simulation: Simulation | FlightWorld = own
         self._held = dict[str, float]()
         eye = Eye(Detector(situation.scene, own.robot, situation.detector, seed))
@@ -184,12 +185,7 @@ class Episode(Pick["Outcome | Word"]):
     @property
     def ended(self) -> bool:
         """Whether the time is over, or the physics broke down."""
-        return self.broken or self.time >= LONGEST - 1e-9
-
-    @property
-    def holding(self) -> bool:
-        """Whether the target's stem is cut, and the tool leaves with the target."""
-        return self.taken is not None
+        return self.broken or self.time >= self.longest - 1e-9
 
     @property
     def done(self) -> bool:
@@ -206,7 +202,7 @@ class Episode(Pick["Outcome | Word"]):
     def over(self, leaving: bool) -> bool:
         """Whether nobody acts any more. A policy that is ``leaving`` goes on with its target."""
         done = self.done or self.ended
-        if done and leaving and not (self.ended or self.holding or self.harm().done):
+        if done and leaving and not (self.ended or self.taken is not None or self.harm().done):
             target = self.situation.scene.target
             if target is not None and self._held.get(target.id, 0.0) >= HELD:
                 self.take()
@@ -220,7 +216,7 @@ class Episode(Pick["Outcome | Word"]):
         since = self.time if look is None else self.simulation.time - look.time
         return Observation(
             self.time, self.state.q, self.state.velocity, point, axis, self._fruits, since,
-            self.simulation.wrench()[:3], self.holding,
+            self.simulation.wrench()[:3], self.taken is not None,
             None if look is None else replace(look, time=look.time - self.began),
         )  # fmt: skip
 
@@ -268,7 +264,7 @@ class Episode(Pick["Outcome | Word"]):
 
         A target that is picked, and not ``out`` of the plant yet, leaves by :func:`as_it_came`.
         """
-        if out and not self.holding and self.judged().result == "clean":
+        if out and self.taken is None and self.judged().result == "clean":
             rollout(Legs(as_it_came(self.robot, np.array(self.path))), self)
         return self.judged()
 
@@ -278,7 +274,8 @@ class Driven:
 
     ``act``: gives velocities (n,), or None: it has no more. ``leaves``: whether it goes on once it
     holds its target. ``guard``: through which its velocities pass; None: none. Keeps ``actions``,
-    the ``times`` that they took [s], and what the guard made of them, ``safe``.
+    the wall ``times`` that they took [s], what the guard made of them, ``safe``, and the time of
+    the processor that it ``spent`` [s].
     """
 
     def __init__(
@@ -286,7 +283,8 @@ class Driven:
         guard: Guard | None = None,
     ) -> None:  # fmt: skip
         self._act, self.leaves, self.guard = act, leaves, guard
-        self.actions, self.times, self.safe = list[FloatArray](), list[float](), list[Safe]()
+        self.actions, self.times = list[FloatArray](), list[float]()
+        self.safe, self.spent = list[Safe](), list[float]()
 
     def __call__(self, pick: Episode) -> list[State] | None:
         """See :class:`optipromp_sim.simulation.rollout.Agent`."""
@@ -301,8 +299,11 @@ class Driven:
         self.actions.append(velocity)
         if self.guard is None:
             return pick.toward(velocity)
-        self.safe.append(guarded(self.guard, velocity, pick))
-        return pick.toward(self.safe[-1].velocity, self.safe[-1].curve)
+        began = time.process_time()
+        safe = guarded(self.guard, velocity, pick)
+        self.spent.append(time.process_time() - began)
+        self.safe.append(safe)
+        return pick.toward(safe.velocity, safe.curve)
 
 
 def guarded(guard: Guard, velocity: FloatArray, episode: Episode) -> Safe:

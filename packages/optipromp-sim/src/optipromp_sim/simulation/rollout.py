@@ -28,11 +28,10 @@ Turn = Sequence[State] | Trajectory
 
 
 class Judged(Protocol):
-    """The judgement of a run."""
+    """The judgement of a run: ``clean``, ``harmed`` or ``missed``."""
 
     @property
-    def result(self) -> str:
-        """``clean``, ``harmed`` or ``missed``."""
+    def result(self) -> str: ...
 
 
 W = TypeVar("W", bound=Judged)
@@ -40,54 +39,27 @@ W_co = TypeVar("W_co", bound=Judged, covariant=True)
 
 
 class Arena(Protocol[W_co]):
-    """Where an arm moves; :class:`optipromp_sim.simulation.Simulation` says more of each."""
+    """Where an arm moves; :class:`optipromp_sim.simulation.Simulation` tells of each."""
 
     @property
-    def scene(self) -> Scene:
-        """The true one."""
-
+    def scene(self) -> Scene: ...
     @property
-    def robot(self) -> Robot:
-        """With its tool."""
-
+    def robot(self) -> Robot: ...
     @property
-    def tick(self) -> float:
-        """Time that a step takes [s]."""
-
+    def tick(self) -> float: ...
     @property
-    def time(self) -> float:
-        """Of its own clock [s]."""
-
+    def time(self) -> float: ...
     @property
-    def broken(self) -> bool:
-        """Whether the physics broke down."""
-
-    def state(self) -> State:
-        """As measured."""
-
-    def step(self, reference: State) -> State:
-        """Follow a reference for a tick; raises ExecutionError where the physics break down."""
-
-    def follow(self, motion: Trajectory) -> tuple[Rollout | None, W_co]:
-        """Follow a curve to its end, stand still, and judge all that happened."""
-
-    def fruits(self) -> FruitStates:
-        """Where they are."""
-
-    def held(self) -> tuple[str, ...]:
-        """Those in the tool."""
-
-    def wrench(self) -> FloatArray:
-        """(6,) of the world on the tool [N, N m]."""
-
-    def harm(self) -> HarmSoFar:
-        """What was harmed so far."""
-
-    def grip(self) -> None:
-        """Cut the stem of the target, and hold it in the tool where it is."""
-
-    def outcome(self) -> W_co:
-        """Stand still, and judge all that happened."""
+    def broken(self) -> bool: ...
+    def state(self) -> State: ...
+    def step(self, reference: State) -> State: ...
+    def follow(self, motion: Trajectory) -> tuple[Rollout | None, W_co]: ...
+    def fruits(self) -> FruitStates: ...
+    def held(self) -> tuple[str, ...]: ...
+    def wrench(self) -> FloatArray: ...
+    def harm(self) -> HarmSoFar: ...
+    def grip(self) -> None: ...
+    def outcome(self) -> W_co: ...
 
 
 class Pick(Generic[W]):

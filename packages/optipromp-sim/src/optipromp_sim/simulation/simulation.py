@@ -12,7 +12,6 @@ from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.execution.executor import Follower, Guard
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
@@ -119,11 +118,6 @@ class Simulation:
     def world(self) -> World:
         """The model of MuJoCo, and what its parts stand for."""
         return self._world
-
-    @property
-    def miscalibration(self) -> Pose:
-        """The error of the arm's base: true places are ``miscalibration @ believed``."""
-        return self._world.miscalibration
 
     @property
     def data(self) -> Any:
@@ -268,10 +262,6 @@ class Simulation:
     def harm(self) -> HarmSoFar:
         """What was harmed so far."""
         return harm_so_far(self._world, self._run.records.log, len(self._run.stems.torn))
-
-    def holds(self, name: str) -> bool:
-        """Whether the tool holds a target or pushable now."""
-        return name in self.held()
 
     def held(self) -> tuple[str, ...]:
         """The targets and pushables that the tool holds now."""

@@ -183,7 +183,7 @@ class Recorder:
 
     def __init__(self, world: World, data: Any, log: ContactLog, control: JointControl) -> None:
         self._world, self._data, self._control, self.log = world, data, control, log
-        self._rows: list[tuple[Any, ...]] = []
+        self.rows: list[tuple[Any, ...]] = []
         self._contacts: list[FloatArray] = []
         shown, entities = world.shown, world.entities
         self._fruits = np.array([f.entity for f in shown], dtype=np.int64)
@@ -191,17 +191,12 @@ class Recorder:
         self._moving = np.array([e.kind not in ("static", "avoid") for e in entities])
         self._robot = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
 
-    @property
-    def begun(self) -> bool:
-        """Whether there is a record."""
-        return bool(self._rows)
-
     def add(self, q: FloatArray) -> None:
         """Record the present state; ``q`` (S,) is the reference position of the segments."""
         data = self._data
         forces = self.log.take_recent()
         on_stems = forces[self._stems][:, self._robot].max(axis=1)
-        self._rows.append(
+        self.rows.append(
             (
                 data.time, data.qpos.copy(), self._control.velocity.copy(), self._control.torque, q,
                 [f.weld >= 0 and bool(data.eq_active[f.weld]) for f in self._world.shown],
@@ -210,7 +205,7 @@ class Recorder:
             )
         )  # fmt: skip
         _, pairs, points, pushes = pressing(data, self._world, self._moving)
-        record = np.full(len(pairs), len(self._rows) - 1)
+        record = np.full(len(pairs), len(self.rows) - 1)
         self._contacts.append(np.column_stack([record, pairs, points, pushes]))
 
     def rollout(
@@ -219,7 +214,7 @@ class Recorder:
     ) -> Rollout:  # fmt: skip
         """The records so far; see :class:`Rollout`. ``curve``: whose rates count."""
         robot, drives = self._world.robot, self._world.drives
-        columns = [np.array(column) for column in zip(*self._rows, strict=True)]
+        columns = [np.array(column) for column in zip(*self.rows, strict=True)]
         times, states, velocity, torque, targets, attached, force, stem = columns
         q, wanted = drives.joints(states[:, : robot.n_segments]), drives.joints(targets)
         shown = self._world.shown
@@ -319,7 +314,7 @@ class Execution:
 
     def begin(self, q: FloatArray) -> None:
         """Record the state at the beginning, once; ``q`` (S,) is the reference of the segments."""
-        if not self.records.begun:
+        if not self.records.rows:
             self.records.add(q)
 
     def advance(self, asked: Reference) -> bool:
