@@ -1,19 +1,16 @@
 """The camera model is fitted to the eyes, and their worst pictures are drawn, by scripts."""
 
-import runpy
-from pathlib import Path
-
 import numpy as np
 import pytest
+from tests.loaded import script as loaded
 
 from optipromp_eyes.detector import finder_named
 
-ROOT = Path(__file__).parents[1]
 SEED = 60011
 
 
 def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
-    script = runpy.run_path(str(ROOT / "scripts/fit_eyes.py"))
+    script = vars(loaded("fit_eyes"))
     rng = np.random.default_rng(1)
     fruits = []
     for seed in range(1500):
@@ -50,7 +47,7 @@ def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
 
 @pytest.mark.slow  # pictures of two scenes, twice
 def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
-    script = runpy.run_path(str(ROOT / "scripts/fit_eyes.py"))
+    script = vars(loaded("fit_eyes"))
     scenes = [("cluster", SEED), ("field", SEED)]
     seen = script["looked"](scenes, "beside")
     assert seen.pictures == 4
@@ -61,7 +58,7 @@ def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
         script["told"](f) for f in (seen.fruits, script["modelled"](scenes, "beside", made))
     )
     assert abs(eyes["recall"] - model["recall"]) < 0.35
-    drawn = runpy.run_path(str(ROOT / "scripts/eyes_worst.py"))
+    drawn = vars(loaded("eyes_worst"))
     found = drawn["worst"](scenes, "beside", finder_named("geometry"), 2)
     assert [fault.weight for _, fault, _ in found] == sorted(
         (fault.weight for _, fault, _ in found), reverse=True

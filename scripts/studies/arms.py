@@ -4,7 +4,7 @@
 
 Files are those of the package example-robot-data (extra ``models``). Before each plan the built-in
 Panda plans its scene of the same seed: times are compared within one process, on whatever machine
-this is. ``more`` of a study adds arms, as NAME=FILE.
+this is.
 """
 
 import itertools
@@ -57,10 +57,10 @@ def folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory()
 
 
-def file_of(name: str, path: str) -> str | Path:
+def file_of(name: str) -> str | Path:
     """The robot's name or file."""
-    own = Path(folder().name, "tiago.yaml")
-    if path == "panda" or Path(path).is_absolute():
+    own, path = Path(folder().name, "tiago.yaml"), ARMS[name]
+    if path == "panda":
         return path
     sys.path.insert(0, str(Path(__file__).parents[1]))
     from robots_tried import models
@@ -76,23 +76,16 @@ class Arms:
     """A study of arms."""
 
     arms: tuple[str, ...] = tuple(ARMS)
-    more: tuple[str, ...] = ()
     seeds: tuple[int, int] = (77_000, 77_050)
 
     def asks(self) -> list[dict[str, Any]]:
         """See :class:`optipromp_bench.experiments.kinds.Kind`."""
-        more = {
-            name: str(Path(path).absolute()) for name, path in (a.split("=") for a in self.more)
-        }
-        files = {name: ARMS[name] for name in self.arms} | more
-        return [
-            {"preset": "cluster", "arm": name, "file": file, "seed": seed}
-            for (name, file), seed in itertools.product(files.items(), range(*self.seeds))
-        ]
+        all_ = itertools.product(self.arms, range(*self.seeds))
+        return [{"preset": "cluster", "arm": name, "seed": seed} for name, seed in all_]
 
     def trial(self, ask: Mapping[str, Any]) -> dict[str, Any]:
         """What an arm planned and picked, and what it took beside the Panda [s]."""
-        file, times = file_of(ask["arm"], ask["file"]), []
+        file, times = file_of(ask["arm"]), []
         generate("cluster", ask["seed"], file, NOTHING)  # reads the robot
         for args in ((), (file, NOTHING)):
             scene = generate("cluster", ask["seed"], *args)

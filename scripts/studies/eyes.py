@@ -126,11 +126,7 @@ def in_garden(seed: int, finder: Finder | None = None) -> SeenPicture:
     sys.path.insert(0, str(Path(__file__).parents[1]))
     from garden import drawn
 
-    return seen_in(drawn(seed, native=True), finder)
-
-
-def seen_in(held: Mapping[str, np.ndarray], finder: Finder | None = None) -> SeenPicture:
-    """What is seen in the arrays of such a picture."""
+    held = drawn(seed, native=True)
     truth = json.loads(str(held["truth"]))
     height, width = held["depth"].shape
     focal = truth["focal"]
