@@ -29,7 +29,7 @@ from optipromp_bench.running import STEADY
 from optipromp_loop.guard import Guard
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import Outcome, Run, Simulation
-from optipromp_sim.simulation.rollout import rollout
+from optipromp_sim.simulation.rollouts import rollout
 from optipromp_sim.situations import CONDITIONS
 
 LONG = 60.0  # [s] of a random policy

@@ -24,7 +24,7 @@ from optipromp_loop.guard import Guard, Safe
 from optipromp_loop.guard.motion import joints_for as joints_for
 from optipromp_sim.simulation import Detector, Eye, Outcome, Simulation
 from optipromp_sim.simulation.contacts import HarmSoFar
-from optipromp_sim.simulation.rollout import Legs, Pick, Turn, rollout
+from optipromp_sim.simulation.rollouts import Legs, Pick, Turn, rollout
 from optipromp_sim.simulation.simulation import FruitStates
 from optipromp_sim.situations import Situation
 
@@ -287,7 +287,7 @@ class Driven:
         self.safe, self.spent = list[Safe](), list[float]()
 
     def __call__(self, pick: Episode) -> list[State] | None:
-        """See :class:`optipromp_sim.simulation.rollout.Agent`."""
+        """See :class:`optipromp_sim.simulation.rollouts.Agent`."""
         if pick.over(self.leaves):
             return None
         seen = pick.observe()

@@ -25,7 +25,7 @@ from optipromp_bench.serve import Apart, Entry, hired
 from optipromp_bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp_sim.generate.plants import untold
 from optipromp_sim.simulation import Outcome, Simulation
-from optipromp_sim.simulation.rollout import Legs, Pick, rollout
+from optipromp_sim.simulation.rollouts import Legs, Pick, rollout
 from optipromp_sim.situations import CONDITIONS, Situation, varied
 
 Engine = Literal["arm", "flight"]

@@ -32,7 +32,7 @@ from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench.entrant import Motion, Refused, motion_of
 from optipromp_bench.episode import LONGEST, Driven, Episode, Observation
 from optipromp_eyes.pictures import DepthPicture
-from optipromp_sim.simulation.rollout import Turn, rollout
+from optipromp_sim.simulation.rollouts import Turn, rollout
 from optipromp_sim.situations import Situation
 
 MOTION = 60.0  # [s] of a motion: a choice; plans take 4 to 12 s

@@ -37,7 +37,7 @@ from optipromp_sim.simulation import Eye, Loop, Simulation, closed_loop
 from optipromp_sim.simulation.detector import Detector
 from optipromp_sim.simulation.detector_parameters import DETECTORS, DetectorParameters
 from optipromp_sim.simulation.parameters import SimulationParameters, of_crop
-from optipromp_sim.simulation.rollout import Pick
+from optipromp_sim.simulation.rollouts import Pick
 
 LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
 ASIDE = 0.015  # [m] of fruits after they were first seen: a choice

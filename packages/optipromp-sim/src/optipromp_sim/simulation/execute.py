@@ -31,7 +31,7 @@ from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.outcome import Cause, Outcome
 from optipromp_sim.simulation.parameters import SimulationParameters
 from optipromp_sim.simulation.records import Rollout
-from optipromp_sim.simulation.rollout import Legs, Pick, rollout
+from optipromp_sim.simulation.rollouts import Legs, Pick, rollout
 from optipromp_sim.simulation.simulation import Simulation
 from optipromp_sim.simulation.world import World, build
 
@@ -419,7 +419,7 @@ class Controlled:
         self._stretches: list[Stretch] = []
 
     def __call__(self, pick: Pick[Outcome]) -> list[State] | None:
-        """The references of one cycle; see :class:`optipromp_sim.simulation.rollout.Agent`."""
+        """The references of one cycle; see :class:`optipromp_sim.simulation.rollouts.Agent`."""
         controller, now, tick = self.controller, pick.arena.time, pick.arena.tick
         if now >= pick.began + LONGEST:
             return None
