@@ -61,10 +61,10 @@ LONG = {
     "ros/real": "real_nodes",
     "scenes": "generate placing trusses wild",
     "simulation": (
-        "coco covers crops disturbances export grasps hand live_camera loop loop_film physics "
+        "covers crops disturbances export grasps hand live_camera loop loop_film physics "
         "pictures rich runs second_engine tools trusses"
     ),
-    ".": "benchmarks_suite kernel_cache new_user plan_folders",
+    ".": "benchmarks_suite coco fit_eyes kernel_cache new_user plan_folders",
     "viewer": "figures",
 }
 """Test files that take more than 3 s, by folder; ``pytest -m quick`` leaves them out."""

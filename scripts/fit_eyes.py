@@ -32,7 +32,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))  # as a module, too
 
-from eyes_study import compared
+from studies.eyes import compared
 
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed

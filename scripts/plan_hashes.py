@@ -36,8 +36,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
-from optipromp_bench.env import guarded
-from optipromp_bench.episode import Episode
+from optipromp_bench.episode import Episode, guarded
 from optipromp_bench.experiments.trials import STUDY_PLANNERS, attempt
 from optipromp_eyes.eyes import look_at
 from optipromp_loop.guard import Guard
@@ -177,12 +176,12 @@ def of_fruit(item: SceneObject) -> FloatArray:
     )
 
 
-def guard() -> Iterator[Case]:
+def guard(actions: int = ACTIONS) -> Iterator[Case]:
     """Five policies that go straight for the target, and five that wander."""
     for k, preset in enumerate(("cluster", "side-clusters", "truss", "field", "mixed")):
         for way in ("straight", "random"):
             one = way, preset, FIRST + k
-            yield Case("/".join(map(str, one)), lambda one=one: behind(*one, ACTIONS))
+            yield Case("/".join(map(str, one)), lambda one=one: behind(*one, actions))
 
 
 def behind(way: str, preset: str, seed: int, actions: int) -> list[Part]:
@@ -200,6 +199,7 @@ def behind(way: str, preset: str, seed: int, actions: int) -> list[Part]:
             speed = 0.3 / max(float(np.linalg.norm(far)), 0.1)
             wish = watch.tool(speed * far, episode.state)
         safe = guarded(watch, wish, episode)
+        episode.lead(episode.toward(safe.velocity, safe.curve))
         words.append(f"{int(safe.acted)}{int(safe.braked)} {safe.reason}")
         rows.append(
             np.concatenate([safe.velocity, safe.reference.q, [safe.probability], episode.state.q])
@@ -208,17 +208,10 @@ def behind(way: str, preset: str, seed: int, actions: int) -> list[Part]:
     return ["; ".join(runs), np.array(rows)]
 
 
-def first_actions() -> Iterator[Case]:
-    """As :func:`guard`, with fewer actions."""
-    for case in guard():
-        way, preset, seed = case.name.split("/")
-        yield Case(case.name, lambda one=(way, preset, int(seed)): behind(*one, FEW))
-
-
 KINDS = {"plans": plans, "picks": picks, "loops": loops, "looks": looks, "guard": guard}
 DIGESTED = {  # every so many cases of a kind
     "plans": (plans, 5), "picks": (picks, 1), "loops": (loops, 2), "looks": (looks, 2),
-    "guard": (first_actions, 1),
+    "guard": (lambda: guard(FEW), 1),
 }  # fmt: skip
 
 

@@ -5,7 +5,6 @@
     python scripts/train_policies.py steps DATA --seeds 210000:210300       # our plans, driven
     python scripts/train_policies.py clone DATA --out clone.onnx --minutes 10
     python scripts/train_policies.py act DATA --out act.onnx --minutes 120  # chunks of velocities
-    python scripts/train_policies.py curves DATA --out learning.png         # of all CSV files there
     python scripts/train_policies.py sac --out sac.onnx --minutes 30  # weights by reward alone
 
 ``plans`` keeps objects of scenes, and the weights of a primitive whose path is that of our plan.
@@ -436,30 +435,10 @@ def sac(out: Path, minutes: float, presets: Presets) -> None:
     write(Actor(agent.policy.actor), out, (torch.zeros(1, MOST, WIDTH),), ["objects"])
 
 
-def curves(folder: Path, out: Path) -> None:
-    """The learning curves of a folder, a panel each."""
-    import matplotlib.pyplot as plt
-
-    found = sorted(folder.glob("*.csv"))
-    drawn, panels = plt.subplots(1, len(found), figsize=(4 * len(found), 2.8), squeeze=False)
-    for panel, file in zip(panels[0], found, strict=True):
-        with file.open() as stream:
-            rows = list(csv.DictReader(stream))
-        name = next(k for k in ("promised", "near", "loss") if k in rows[0])
-        panel.plot([int(r["samples"]) for r in rows], [float(r[name]) for r in rows])
-        panel.set_title(f"{file.stem}: {float(rows[-1]['minutes']):.0f} minutes")
-        panel.set_xlabel("samples")
-        panel.set_ylabel({"promised": "share promised"}.get(name, "loss, held-out scenes"))
-        if name != "promised":
-            panel.set_yscale("log")
-    drawn.tight_layout()
-    drawn.savefig(out, dpi=90)
-
-
 def main() -> None:
     """See the module."""
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    ask.add_argument("what", choices=("plans", "set", "steps", "clone", "act", "sac", "curves"))
+    ask.add_argument("what", choices=("plans", "set", "steps", "clone", "act", "sac"))
     ask.add_argument("data", nargs="?", type=Path)
     ask.add_argument("--seeds", default="200000:204000", metavar="A:B")
     ask.add_argument("--out", type=Path)
@@ -474,9 +453,6 @@ def main() -> None:
         return
     if told.data is None:
         ask.error(f"{told.what} needs a folder of DATA")
-    if told.what == "curves":
-        curves(told.data, told.out or ask.error("curves needs --out FILE.png"))
-        return
     if told.what in ("plans", "steps"):
         {"plans": plans, "steps": steps}[told.what](told.data, seeds, presets)
         return

@@ -20,7 +20,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene, SceneObject, bare_robot
-from optipromp_bench.episode import RATE, Episode, Observation, joints_for, score
+from optipromp_bench.episode import RATE, Episode, Observation, guarded, joints_for, score
 from optipromp_bench.primitive import COUNT, OfWeights
 from optipromp_loop.guard import Guard, Safe
 from optipromp_sim.generate import PRESETS, Preset, generate
@@ -276,6 +276,7 @@ class PickEnv(_Scenes):
             episode.act(velocity)
         else:
             self.safe = guarded(self.guard, velocity, episode)
+            episode.lead(episode.toward(self.safe.velocity, self.safe.curve))
         terminated = episode.done
         truncated = episode.ended and not terminated
         info: dict[str, Any] = {"is_success": False, "harm": min(episode.harm().worst, 2.0)}
@@ -320,15 +321,6 @@ class PickEnv(_Scenes):
             picture = self._camera.take()
             out |= {"rgb": picture.rgb, "depth": picture.depth.astype(np.float32)}
         return out
-
-
-def guarded(guard: Guard, velocity: FloatArray, episode: Episode) -> Safe:
-    """Let a guard filter a policy's velocities (n,), and the joints follow what it gives."""
-    look = episode.observe().look
-    looks = () if look is None or look.time <= guard.time else (look,)
-    safe = guard(velocity, episode.reference, looks, episode.time)
-    episode.act(safe.velocity, safe.curve)
-    return safe
 
 
 class Guarded(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -1,6 +1,8 @@
 """One pick, step by step: what a policy sees, what it does, and what became of it."""
 
 import math
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -18,10 +20,11 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control.driver import path_back
+from optipromp_loop.guard import Guard, Safe
 from optipromp_loop.guard.motion import joints_for as joints_for
 from optipromp_sim.simulation import Detector, Eye, Outcome, Simulation
 from optipromp_sim.simulation.contacts import HarmSoFar
-from optipromp_sim.simulation.detector import Truth
+from optipromp_sim.simulation.rollouts import Legs, Pick, Turn, rollout
 from optipromp_sim.simulation.simulation import FruitStates
 from optipromp_sim.situations import Situation
 
@@ -62,9 +65,11 @@ class FlightWorld:
     their physics, are of the first engine alone.
     """
 
-    def __init__(self, scene: Scene, seed: int = 0) -> None:
+    def __init__(self, scene: Scene, seed: int = 0, q: FloatArray | None = None) -> None:
         self.scene, self.tick, self.broken = scene, TICK, False
         self.robot, self.reference = posed(scene)
+        if q is not None:
+            self.reference = State(q)
         from optipromp_bench.flight import Flight
 
         try:
@@ -128,7 +133,8 @@ class FlightWorld:
 
     def follow(self, motion: Trajectory) -> tuple[None, "Word"]:
         """Lead the cup along a motion that begins where the arm is, and judge all so far."""
-        return None, self._flight.along(motion.times, motion.positions)
+        fine, self.reference = motion.resample(1.0 / TICK), State(motion.positions[-1])
+        return None, self._flight.along(fine.times, fine.positions)
 
     def outcome(self) -> "Word":
         """Stand still for a moment, and judge all that happened."""
@@ -139,37 +145,32 @@ class FlightWorld:
         return self._flight.outcome()
 
 
-class Episode:
+class Episode(Pick["Outcome | Word"]):
     """One pick in the simulation, moved by joint velocities.
 
     ``situation``: true scene, scene as first seen, camera, physics. ``seed``: of physics and looks.
     The same velocities give the same episode to the last bit. ``rate``: at which velocities come
-    [Hz]; divides the controller's rate. ``world``: that the episode happens in; None: the main
-    simulation.
+    [Hz]; divides the controller's rate. ``arena``: that the episode happens in; None: the main
+    simulation. ``longest``: time after which it ends [s]; None: LONGEST.
     """
 
     def __init__(
         self, situation: Situation, seed: int = 0, rate: float = RATE,
-        world: FlightWorld | None = None,
+        arena: Simulation | FlightWorld | None = None, longest: float | None = None,
     ) -> None:  # fmt: skip
-        self.situation, self.seed = situation, seed
-        own = world or Simulation(situation.scene, seed, situation.parameters)
-        self.simulation: Simulation | FlightWorld = own
-        count = 1.0 / (rate * self.simulation.tick)
+        own = arena or Simulation(situation.scene, seed, situation.parameters)
+        count = 1.0 / (rate * own.tick)
         if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
             raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
-        self.ticks, self.period = round(count), 1.0 / rate
-        self.eye = Eye(Detector(situation.scene, self.robot, situation.detector, seed))
-        self.state = self.simulation.state()
-        self.reference = State(self.state.q)
+        self.situation, self.seed, self.period = situation, seed, 1.0 / rate
+        self.longest = longest or LONGEST
+        self.simulation: Simulation | FlightWorld = own
+        self._held = dict[str, float]()
+        eye = Eye(Detector(situation.scene, own.robot, situation.detector, seed))
+        super().__init__(own, eye, situation.parameters.engine.settle, self.period)
         self._look: Look | None = None
         self._fruits = tuple(o for o in situation.seen.objects if o.role != "static")
-        for _ in range(round(situation.parameters.engine.settle / self.simulation.tick)):
-            self.state = self.simulation.step(self.reference)
-        self._begin, self._held = self.simulation.time, dict[str, float]()
-        self._path = [self.reference.q]
-        self._taken: FloatArray | None = None  # the tool point where the target was taken
-        self._see()
+        self._learn()
 
     @property
     def robot(self) -> Robot:
@@ -182,24 +183,9 @@ class Episode:
         return self.situation.seen
 
     @property
-    def time(self) -> float:
-        """Since the beginning [s]."""
-        return self.simulation.time - self._begin
-
-    @property
-    def broken(self) -> bool:
-        """Whether the physics broke down."""
-        return self.simulation.broken
-
-    @property
     def ended(self) -> bool:
         """Whether the time is over, or the physics broke down."""
-        return self.broken or self.time >= LONGEST - 1e-9
-
-    @property
-    def holding(self) -> bool:
-        """Whether the target's stem is cut, and the tool leaves with the target."""
-        return self._taken is not None
+        return self.broken or self.time >= self.longest - 1e-9
 
     @property
     def done(self) -> bool:
@@ -209,27 +195,19 @@ class Episode:
         """
         if self.broken or self.harm().done:
             return True
-        if self._taken is not None:
-            return bool(np.linalg.norm(self._point() - self._taken) >= RETREAT)
+        if self.taken is not None:
+            return bool(np.linalg.norm(self.point() - self.taken) >= RETREAT)
         return any(t >= HELD for t in self._held.values())
 
     def over(self, leaving: bool) -> bool:
         """Whether nobody acts any more. A policy that is ``leaving`` goes on with its target."""
         done = self.done or self.ended
-        if done and leaving and not (self.ended or self.holding or self.harm().done):
-            self.take()
+        if done and leaving and not (self.ended or self.taken is not None or self.harm().done):
+            target = self.situation.scene.target
+            if target is not None and self._held.get(target.id, 0.0) >= HELD:
+                self.take()
             return self.done
         return done
-
-    def take(self) -> None:
-        """Cut the stem of a target that was held for a while, and hold the target in the tool."""
-        target = self.situation.scene.target
-        if target is not None and self._held.get(target.id, 0.0) >= HELD:
-            self.simulation.grip()
-            self._taken = self._point()
-
-    def _point(self) -> FloatArray:
-        return self.robot.tool_pose(self.state.q)[0]
 
     def observe(self) -> Observation:
         """What a policy knows now."""
@@ -238,12 +216,12 @@ class Episode:
         since = self.time if look is None else self.simulation.time - look.time
         return Observation(
             self.time, self.state.q, self.state.velocity, point, axis, self._fruits, since,
-            self.simulation.wrench()[:3], self.holding,
-            None if look is None else replace(look, time=look.time - self._begin),
+            self.simulation.wrench()[:3], self.taken is not None,
+            None if look is None else replace(look, time=look.time - self.began),
         )  # fmt: skip
 
-    def act(self, velocity: FloatArray, curve: Trajectory | None = None) -> None:
-        """Let the joints come to velocities (n,) [rad/s or m/s] within one period.
+    def toward(self, velocity: FloatArray, curve: Trajectory | None = None) -> list[State]:
+        """The turn in which the joints come to velocities (n,) [rad/s or m/s] within a period.
 
         ``curve``: on which they come there, from the last reference on; None: at a constant
         acceleration.
@@ -254,26 +232,24 @@ class Episode:
                 f"velocity has shape {wanted.shape}; must be {self.state.q.shape}, finite"
             )
         if curve is None:
-            ticks = driven(self.robot, self.reference, wanted, self.period, self.ticks)
-        else:
-            at = self.period / self.ticks * np.arange(1, self.ticks + 1)
-            ticks = [State(*rows) for rows in zip(*curve.sample(at), strict=True)]
-        try:
-            for each in ticks:
-                self.reference = each
-                self.state = self.simulation.step(each)
-        except ExecutionError:  # the simulation is broken, and the outcome tells of it
-            pass
-        self._path.append(self.reference.q)
-        held = self.simulation.held()
-        self._held = {name: self._held.get(name, 0.0) + self.period for name in held}
-        self._see()
+            return driven(self.robot, self.reference, wanted, self.period, self.ticks)
+        at = self.period / self.ticks * np.arange(1, self.ticks + 1)
+        return [State(*rows) for rows in zip(*curve.sample(at), strict=True)]
 
-    def _see(self) -> None:
-        now, fruits = self.simulation.time, self.simulation.fruits()
-        truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-        self.eye.see(now, self.state.q, truth)
-        for look in self.eye.delivered(now):
+    def act(self, velocity: FloatArray) -> None:
+        """Let the joints come to velocities (n,) [rad/s or m/s] within one period."""
+        self.lead(self.toward(velocity))
+
+    def lead(self, turn: Turn) -> None:
+        """Move the arm by a turn, and count how long fruits are held."""
+        super().lead(turn)
+        if not isinstance(turn, Trajectory):
+            held = self.simulation.held()
+            self._held = {name: self._held.get(name, 0.0) + self.period for name in held}
+            self._learn()
+
+    def _learn(self) -> None:
+        for look in self.looks:
             self._look, self._fruits = look, look.in_base()
 
     def harm(self) -> HarmSoFar:
@@ -288,12 +264,53 @@ class Episode:
 
         A target that is picked, and not ``out`` of the plant yet, leaves by :func:`as_it_came`.
         """
-        word = self.simulation.outcome()
-        if self.holding or not out or word.result != "clean":
-            return word
-        self.simulation.grip()
-        _, word = self.simulation.follow(as_it_came(self.robot, np.array(self._path)))
-        return word
+        if out and self.taken is None and self.judged().result == "clean":
+            rollout(Legs(as_it_came(self.robot, np.array(self.path))), self)
+        return self.judged()
+
+
+class Driven:
+    """A policy as an agent: its velocities, until the episode is over.
+
+    ``act``: gives velocities (n,), or None: it has no more. ``leaves``: whether it goes on once it
+    holds its target. ``guard``: through which its velocities pass; None: none. Keeps ``actions``,
+    the wall ``times`` that they took [s], what the guard made of them, ``safe``, and the time of
+    the processor that it ``spent`` [s].
+    """
+
+    def __init__(
+        self, act: Callable[[Observation], FloatArray | None], leaves: bool = False,
+        guard: Guard | None = None,
+    ) -> None:  # fmt: skip
+        self._act, self.leaves, self.guard = act, leaves, guard
+        self.actions, self.times = list[FloatArray](), list[float]()
+        self.safe, self.spent = list[Safe](), list[float]()
+
+    def __call__(self, pick: Episode) -> list[State] | None:
+        """See :class:`optipromp_sim.simulation.rollouts.Agent`."""
+        if pick.over(self.leaves):
+            return None
+        seen = pick.observe()
+        began = time.perf_counter()
+        velocity = self._act(seen)
+        self.times.append(time.perf_counter() - began)
+        if velocity is None:
+            return None
+        self.actions.append(velocity)
+        if self.guard is None:
+            return pick.toward(velocity)
+        began = time.process_time()
+        safe = guarded(self.guard, velocity, pick)
+        self.spent.append(time.process_time() - began)
+        self.safe.append(safe)
+        return pick.toward(safe.velocity, safe.curve)
+
+
+def guarded(guard: Guard, velocity: FloatArray, episode: Episode) -> Safe:
+    """What a guard makes of a policy's velocities (n,) in an episode."""
+    look = episode.observe().look
+    looks = () if look is None or look.time <= guard.time else (look,)
+    return guard(velocity, episode.reference, looks, episode.time)
 
 
 def score(outcome: "Outcome | Word") -> int:

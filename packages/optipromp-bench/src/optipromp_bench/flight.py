@@ -485,22 +485,3 @@ class Flight:
         swallowed = tuple(id_ for id_ in self.ids if id_ != self.target and inside[id_])
         others = [id_ for id_ in self.ids if id_ != self.target]
         return Word(inside[self.target], swallowed, self.harm(), self._watch.most(others))
-
-
-Curve = tuple[np.ndarray, np.ndarray]
-"""Times (T,) [s] and configurations (T, 7)."""
-
-
-def execute(
-    scene: Mapping[str, Any], reach: Curve, seed: int = 0, back: Curve | None = None
-) -> Word:
-    """Fly the cup along a reach in a scene's document and, with the target alone, back out.
-
-    ``seed`` draws to which side each stem is bowed. ``back``: None: the run ends with the reach.
-    """
-    flown = Flight(scene, reach[1][0], seed)
-    word = flown.along(*reach)
-    if back is not None and word.success:
-        flown.take()
-        word = flown.along(*back)
-    return word

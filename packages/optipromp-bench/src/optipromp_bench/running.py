@@ -14,19 +14,18 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import read_npz
 from optipromp.core.planning.task import posed
-from optipromp.core.scenes.io import scene_to_dict
-from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench import tracks
 from optipromp_bench.entrant import Motion
 from optipromp_bench.episode import Episode, FlightWorld, as_it_came
 from optipromp_bench.experiments.eyes import aimed_at, without_fruits
 from optipromp_bench.experiments.rows import Key, Row
-from optipromp_bench.flight import Word, execute
+from optipromp_bench.flight import Word
 from optipromp_bench.serve import Apart, Entry, hired
 from optipromp_bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp_sim.generate.plants import untold
 from optipromp_sim.simulation import Outcome, Simulation
+from optipromp_sim.simulation.rollouts import Legs, Pick, rollout
 from optipromp_sim.situations import CONDITIONS, Situation, varied
 
 Engine = Literal["arm", "flight"]
@@ -138,8 +137,16 @@ def _by_policy(
 
 def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
     seed = task.drawn("physics")
-    world = None if engine == "arm" else FlightWorld(setting.scene, seed)
-    return Episode(setting, seed, world=world)
+    return Episode(setting, seed, arena=_arena(engine, setting, seed))
+
+
+def _arena(
+    engine: Engine, setting: Situation, seed: int, q: FloatArray | None = None
+) -> Simulation | FlightWorld:
+    """The world of an engine with the arm at ``q`` (n,); None: at the scene's start."""
+    if engine == "flight":
+        return FlightWorld(setting.scene, seed, q)
+    return Simulation(setting.scene, seed, setting.parameters, q=q)
 
 
 def _flown(
@@ -153,29 +160,12 @@ def _flown(
         truth = aimed_at(truth, ripe, np.asarray(point))
     try:
         back = motion.back or as_it_came(posed(truth)[0], reach.positions)
-        if engine == "arm":
-            word: Outcome | Word = _by_arm(truth, setting, reach, back, seed)
-        else:
-            fine = [each.resample(1000.0) for each in (reach, back)]
-            curves = [(each.times, each.positions) for each in fine]
-            word = execute(scene_to_dict(truth), curves[0], seed, curves[1])
+        arena = _arena(engine, setting._replace(scene=truth), seed, reach.positions[0])
+        pick: Pick[Outcome | Word] = Pick(arena)
+        rollout(Legs(reach, back), pick)
     except (OptiPrompError, RuntimeError, ValueError) as error:
         return replace(row, result="error", cause=tracks.words(str(error)))
-    return _judged(row, word, reach.duration + back.duration)
-
-
-def _by_arm(
-    truth: Scene, setting: Situation, reach: Trajectory, back: Trajectory, seed: int
-) -> Outcome:
-    """The outcome of a reach and, with the target alone in the tool, of the way out."""
-    parameters = setting.parameters
-    slower = 1.0 / parameters.control.speed
-    simulation = Simulation(truth, seed, parameters, q=reach.positions[0])
-    _, outcome = simulation.follow(reach.slowed(slower))
-    if outcome.result == "clean":
-        simulation.grip()
-        _, outcome = simulation.follow(back.slowed(slower))
-    return outcome
+    return _judged(row, pick.judged(), reach.duration + back.duration)
 
 
 def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:

@@ -15,7 +15,7 @@ import optipromp
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, file_name, is_there, json_text, write_atomically
 from optipromp_bench.experiments.rows import Row, source_version
-from optipromp_bench.experiments.statistics import Cell, seconds_a_clean, wilson
+from optipromp_bench.experiments.statistics import Cell, seconds_a_clean, tabled, wilson
 from optipromp_bench.results import RECORD, BenchRun, Means, recorded, submission, zip_of
 
 DIGESTS = "results.json"
@@ -99,6 +99,9 @@ def figures_of(rows: Sequence[Row], best: Sequence[Row] | None = None) -> dict[s
         "runs": runs,
         **{name: count[name] for name in ("clean", "harmed", "missed", "refused")},
         "errors": count["error"],
+        "torn": sum(  # a fruit came off, or was pulled too hard
+            r.result == "harmed" and ("torn" in r.cause or "pulled" in r.cause) for r in rows
+        ),
         "low": low, "high": high,  # 95 % interval (Wilson) of the share that is clean
         "score": (count["clean"] - count["harmed"]) / max(runs, 1),  # harm outweighs a miss
         "thought": median(row.thought for row in rows),
@@ -122,45 +125,36 @@ def paired(pairs: Sequence[tuple[bool, bool]]) -> float:
 
 
 def markdown(board: Leaderboard) -> str:
-    """The leaderboard as a page's tables."""
+    """The leaderboard as a page's tables, each under its heading."""
     run, engines = board.run, board.run.engines
-    lines = [
-        f"Track `{run.track}`, set `{run.scenes.word}`, {run.scenes.count} scenes each of "
-        f"{', '.join(run.scenes.presets)}; condition `{run.condition}`"
-        + (f", variation `{run.variation}`" if run.variation else "")
-        + f"; version `{run.version}`"
-        + (f"; drawn {run.round.drawn}, after the entries' digests." if run.round else "."),
-        "",
-        "| | entry | " + " | ".join(
-            f"{e}: clean (95 %) | harmed | missed | refused | p" for e in engines
-        ) + " | score | think | cycle | a clean | verified |",
-        "|---|---|" + "---|" * (5 * len(engines) + 5),
-    ]  # fmt: skip
+    where = f"Track `{run.track}`, condition `{run.condition}`"
+    where += f", variation `{run.variation}`" if run.variation else ""
+    drawn = f"; drawn {run.round.drawn}, after the entries' digests." if run.round else "."
+    each = [f"{e}: {name}" for e in engines
+            for name in ("clean (95 %)", "harmed", "missed", "refused", "p")]  # fmt: skip
+    heads = ["", "entry", *each, "score", "think", "cycle", "a clean", "verified"]
+    rows, presets, torn = [], [], []
     for rank, entry in enumerate(board.order, 1):
         all_ = [board.of(entry, engine) for engine in engines]
-        cells = " | ".join(
-            f"**{_share(s.clean, s.runs)}** ({s.interval}) | "
-            f"{_share(s.harmed, s.runs)} | {_share(s.missed, s.runs)} | "
-            f"{_share(s.refused + s.errors, s.runs)} | {told_p(s.p)}"
-            for s in all_
-        )
-        score = min(s.score for s in all_)
-        lines.append(
-            f"| {rank} | `{entry}` | {cells} | {100 * score:.1f} | {_time(all_[0].thought)} | "
-            f"{_time(all_[0].duration)} | {_time(all_[0].clean_seconds)} | "
-            f"{board.verified[entry]} |"
-        )
-    lines += ["", "Clean, harmed by preset, in %:", ""]
-    heads = [f"{preset}: {engine}" for preset in run.scenes.presets for engine in engines]
-    lines += ["| entry | " + " | ".join(heads) + " |", "|---|" + "---|" * len(heads)]
-    for entry in board.order:
-        told = [
-            board.of(entry, engine, preset)
-            for preset in run.scenes.presets for engine in engines
-        ]  # fmt: skip
-        cells = " | ".join(f"{_share(s.clean, s.runs)}, {_share(s.harmed, s.runs)}" for s in told)
-        lines.append(f"| `{entry}` | {cells} |")
-    return "\n".join([*lines, ""])
+        shares: list[str] = []
+        for s in all_:
+            lost = (_share(count, s.runs) for count in (s.harmed, s.missed, s.refused + s.errors))
+            shares += [f"**{_share(s.clean, s.runs)}** ({s.interval})", *lost, told_p(s.p)]
+        times = (_time(t) for t in (all_[0].thought, all_[0].duration, all_[0].clean_seconds))
+        score = f"{100 * min(s.score for s in all_):.1f}"
+        rows.append([rank, f"`{entry}`", *shares, score, *times, board.verified[entry]])
+        told = [board.of(entry, engine, p) for p in run.scenes.presets for engine in engines]
+        pairs = (f"{_share(s.clean, s.runs)}, {_share(s.harmed, s.runs)}" for s in told)
+        presets.append([f"`{entry}`", *pairs])
+        torn.append([f"`{entry}`", *(s.torn for s in all_)])
+    by = [f"{preset}: {engine}" for preset in run.scenes.presets for engine in engines]
+    title = f"Torn or pulled too hard: `{board.order[0]}` and those beside it"
+    return "\n".join([
+        f"Set `{run.scenes.word}`, version `{run.version}`{drawn}\n",
+        tabled(f"{where}: {run.scenes.count} scenes of each preset", heads, rows),
+        tabled(f"{where}: clean, harmed by preset, %", ["entry", *by], presets),
+        tabled(title, ["entry", *(f"{engine}: torn" for engine in engines)], torn),
+    ])  # fmt: skip
 
 
 def _share(count: int, runs: int) -> str:

@@ -30,8 +30,9 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench.entrant import Motion, Refused, motion_of
-from optipromp_bench.episode import LONGEST, Episode, Observation
+from optipromp_bench.episode import LONGEST, Driven, Episode, Observation
 from optipromp_eyes.pictures import DepthPicture
+from optipromp_sim.simulation.rollouts import Turn, rollout
 from optipromp_sim.situations import Situation
 
 MOTION = 60.0  # [s] of a motion: a choice; plans take 4 to 12 s
@@ -199,34 +200,32 @@ def against(trajectory: Trajectory, scene: Scene, begins: FloatArray | None = No
 def acted(policy: Acting, episode: Episode, seed: int) -> Deed:
     """Let a policy act until the episode is over. Raises EntryError where it gave no velocities."""
     policy.reset(episode.scene, seed)
-    actions, times = [], []
-    while not episode.over(getattr(policy, "leaves", False)):
-        seen = episode.observe()
-        began = time.perf_counter()
-        velocity = policy.act(seen)
-        times.append(time.perf_counter() - began)
-        try:
-            episode.act(velocity)
-        except InvalidRequestError as error:
-            raise EntryError(error.message) from None
-        actions.append(velocity)
-    count = episode.robot.n_joints
-    return Deed(
-        actions=frozen(np.array(actions).reshape(-1, count)),
-        thought=float(np.median(times or [0.0])),
-    )
+    agent = Driven(policy.act, getattr(policy, "leaves", False))
+    try:
+        rollout(agent, episode)
+    except EntryError:
+        raise
+    except InvalidRequestError as error:
+        raise EntryError(error.message) from None
+    actions = np.array(agent.actions).reshape(-1, episode.robot.n_joints)
+    return Deed(actions=frozen(actions), thought=float(np.median(agent.times or [0.0])))
 
 
 def replayed(motion: Deed, episode: Episode) -> None:
     """The episode once more, with the actions that a policy took."""
     actions = cast(FloatArray, motion.actions)
-    for count, velocity in enumerate(actions):
-        if episode.over(leaving=True):
+    left = iter(actions)
+
+    def again(episode: Episode) -> Turn | None:
+        velocity = next(left, None)
+        if velocity is not None and episode.over(leaving=True):
             raise InvalidRequestError(
-                f"{len(actions)} actions; the episode is over after {count}, and lasts {LONGEST:g} "
-                "s at most"
+                f"{len(actions)} actions; the episode is over after {len(episode.path) - 1}, and "
+                f"lasts {LONGEST:g} s at most"
             )
-        episode.act(velocity)
+        return None if velocity is None else episode.toward(velocity)
+
+    rollout(again, episode)
     if not episode.over(leaving=False):
         raise InvalidRequestError(f"{len(actions)} actions, after which the episode goes on")
 

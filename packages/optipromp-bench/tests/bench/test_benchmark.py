@@ -11,7 +11,7 @@ import pytest
 import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
-from scripts import board_tables, publish
+from scripts import publish
 from tests.bench.entrants import Broken, Follower, Hasty, Ours, Seer, entry
 from typer.testing import CliRunner
 
@@ -149,20 +149,24 @@ def test_a_table_orders_entries(ours: Path, tmp_path: Path) -> None:
     assert board.order == (entry(Ours), entry(Broken))
     assert board.of(entry(Broken), "arm").errors == 2
     assert board.of(entry(Ours), "arm").p is None
-    assert markdown(board).count(f"`{entry(Ours)}`") == 2
+    assert markdown(board).count(f"| `{entry(Ours)}` |") == 3
     told = CliRunner().invoke(app, ["bench", "table", str(ours), str(tmp_path), "--json"])
     assert told.exit_code == 0, told.output
     assert json.loads(told.output)["order"] == list(board.order)
 
 
 def test_the_published_board_is_that_of_bench_table(ours: Path, tmp_path: Path) -> None:
-    (tmp_path / "1.out").write_text(board_tables.board(ours.parent, [ours.name]))
+    words = ["bench", "table", str(ours), "--markdown", str(tmp_path / "board.md")]
+    assert CliRunner().invoke(app, words).exit_code == 0
     board, presets, torn = publish.tables_in(tmp_path).values()
-    text = markdown(leaderboard([ours]))
-    for each in (board, presets):
-        assert each["rows"]
-        assert all(f"| {' | '.join(cells)} |" in text for cells in each["rows"])
-    assert torn["columns"] == ["entry", "arm: torn", "flight: torn"]
+    found = leaderboard([ours])
+    clean = found.standings[0]
+    assert board["rows"][0][1:3] == [
+        f"`{entry(Ours)}`",
+        f"**{100 * clean.clean / clean.runs:.1f}** ({clean.interval})",
+    ]
+    assert presets["columns"] == ["entry", "field: arm", "field: flight"]
+    assert torn["rows"] == [[f"`{entry(Ours)}`", *(str(s.torn) for s in found.standings[:2])]]
 
 
 @given(st.lists(st.tuples(st.booleans(), st.booleans()), max_size=40))

@@ -150,8 +150,8 @@ def test_returns_are_ordered_as_the_score_is() -> None:
 @pytest.mark.parametrize("engine", ["arm", "flight"])
 def test_a_swallowed_neighbour_ends_an_episode_in_both_engines(engine: str) -> None:
     setting = CONDITIONS["none"](generate("limp", 200_001), 200_001)
-    world = FlightWorld(setting.scene, 0) if engine == "flight" else None
-    episode, acting = Episode(setting, 200_001, world=world), below_then_up()
+    arena = FlightWorld(setting.scene, 0) if engine == "flight" else None
+    episode, acting = Episode(setting, 200_001, arena=arena), below_then_up()
     while not (episode.done or episode.ended):
         velocity = acting(episode) @ episode.scene.frame
         episode.act(joints_for(episode.robot, episode.state.q, velocity, episode.scene.frame[2]))

@@ -14,11 +14,11 @@ from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import bare_robot
 from optipromp.core.trajectory import State, Trajectory
-from optipromp_bench.experiments import study, trials
+from optipromp_bench.experiments import study
 from optipromp_bench.experiments.rows import STUDY, Row, row_of, rows_of
 from optipromp_bench.experiments.statistics import ALL, loop_summary, summary, wilson
 from optipromp_bench.experiments.study import Study, run_study
-from optipromp_bench.experiments.trials import again, run_trials
+from optipromp_bench.experiments.trials import again
 from optipromp_sim.generate import NOISES, generate, noisy
 from optipromp_sim.simulation import Simulation
 from optipromp_sim.simulation.detector import DETECTORS, Detector, Truth
@@ -290,7 +290,7 @@ def test_cells_count_results_and_pool_the_presets() -> None:
     ]  # fmt: skip
 
 
-@pytest.mark.slow  # test_study_compares_loops has two of them
+@pytest.mark.slow
 def test_every_loop_runs_and_tells_its_figures(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     chosen = small(presets=("mixed",), seeds=(0, 1), loops=LOOPS, conditions=("none",))
@@ -313,13 +313,3 @@ def test_every_loop_runs_and_tells_its_figures(tmp_path: Path) -> None:
     repeated = again(rows["closed"])
     assert repeated.outcome.duration == rows["closed"].duration
     assert repeated.outcome.success == rows["closed"].success
-
-
-def test_a_loop_that_breaks_off_is_a_row_too(monkeypatch) -> None:
-    def broken(*_: object, **__: object) -> None:
-        raise ZeroDivisionError("of all objects")
-
-    monkeypatch.setattr(trials, "picked", broken)
-    (row,) = run_trials(small(), "cluster", 0, "none", ("closed",), "x")
-    assert (row.success, row.cause, row.result) == (False, "error", "error")
-    assert "of all objects" in row.message

@@ -55,8 +55,13 @@ def test_rows_name_the_files_and_a_study_goes_on(crop: Path, tmp_path: Path) -> 
 def test_loops_on_files(crop: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = "--scenes", crop, "--loop", "open", "--conditions", "none", "--out", out
+    code, stdout, _ = study(*words, "--workers", 1)
+    assert code == 0
+    assert all(word in stdout for word in ("open", "Wilson", "gave", "wrote rows.csv"))
     code, stdout, _ = study(*words, "--workers", 1, "--json")
-    assert (code, json.loads(stdout)["runs"]) == (0, 2)
+    told = json.loads(stdout)
+    assert (code, told["runs"]) == (0, 2)
+    assert json.loads((out / "summary.json").read_text())["loops"] == told["cells"]
     assert {(row.preset, row.loop) for row in rows_of(out)} == {
         ("my-scenario-3.yaml", "open"),
         ("my-scenario-4.yaml", "open"),

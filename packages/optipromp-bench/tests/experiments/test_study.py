@@ -286,13 +286,15 @@ def test_the_bars_are_promised_and_picked_and_the_dots_are_executed() -> None:
     assert [*rates.lines[-1].get_ydata()] == [75.0]
 
 
-def test_a_run_that_breaks_off_is_a_row_too(monkeypatch) -> None:
+@pytest.mark.parametrize("loop", ["", "closed"])
+def test_a_run_that_breaks_off_is_a_row_too(monkeypatch, loop: str) -> None:
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError("of all objects")
 
-    monkeypatch.setattr(trials, "attempt", broken)
-    (row,) = run_trials(small(), "cluster", 0, "", ("straight",), "x")
-    assert (row.success, row.cause) == (False, "error")
+    monkeypatch.setattr(trials, "picked" if loop else "attempt", broken)
+    of = small(planners=("opti-promp",), loops=(loop,)) if loop else small()
+    (row,) = run_trials(of, "cluster", 0, "none" if loop else "", (loop or "straight",), "x")
+    assert (row.success, row.cause, row.result) == (False, "error", "error" if loop else "")
     assert "of all objects" in row.message
 
 

@@ -97,7 +97,7 @@ def test_the_studies_of_a_file_run_and_go_on_and_are_told(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"plans"', '"both"', "table: Input should be 'plans' or 'loops'"),
+        ('"plans"', '"both"', "table is 'both'"),
         ("noise =", "nose =", "study.1.nose: Extra inputs are not permitted"),
         ("[0, 1]", "[0]", "study.0.seeds.1: Field required"),
         ('"near"', '"../x"', "study.0.name: String should match pattern"),
@@ -115,4 +115,5 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, old: str, new: str, word
 
 def test_published_studies_can_be_read() -> None:
     files = sorted((Path(__file__).parents[4] / "scripts/studies").glob("*.toml"))
-    assert [tables.studies_in(file)[0] for file in files] == ["loops", "loops", "plans"]
+    kinds = [tables.studies_in(file)[0] for file in files]
+    assert {"plans", "loops", "scripts.studies.guard:Guards"} <= set(kinds)

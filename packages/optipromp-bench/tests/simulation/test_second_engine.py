@@ -40,7 +40,7 @@ def test_both_engines_pick_what_is_planned(preset: str, seed: int, tmp_path: Pat
     write_plan(made, tmp_path)
     rows = np.loadtxt(tmp_path / "trajectory.csv", delimiter=",", skiprows=1)
     document = json.loads((tmp_path / "plan.json").read_text())["scene_file"]
-    word = second.execute(document, (rows[:, 0], rows[:, 1:8]))
+    word = second.Flight(document, rows[0, 1:8]).along(rows[:, 0], rows[:, 1:8])
     assert word.success, word
 
 
@@ -48,7 +48,8 @@ def test_both_engines_see_what_a_straight_way_harms() -> None:
     scene = generate("cluster", 20001)
     made = attempt(scene, "straight")
     rows = made.trajectory.resample(1000.0)
-    word = second.execute(scene_to_dict(scene), (rows.times, rows.positions))
+    flown = second.Flight(scene_to_dict(scene), rows.positions[0])
+    word = flown.along(rows.times, rows.positions)
     assert not word.success
     assert not simulate(made.trajectory, scene).success
 
@@ -86,11 +87,11 @@ def test_it_hangs_a_fruit_where_the_scene_shows_it() -> None:
     scene = generate("cluster", 20000)
     start = resolve(scene).start
     times, q = np.array([0.0, 1.0]), np.array([start, start])
-    word = second.execute(scene_to_dict(scene), (times, q))
+    word = second.Flight(scene_to_dict(scene), start).along(times, q)
     assert (word.picked, word.swallowed, word.harm) == (False, (), ())
     far = replace(scene, robot="gen3")
     with pytest.raises(ValueError, match="Panda"):
-        second.execute(scene_to_dict(far), (times, q))
+        second.Flight(scene_to_dict(far), start)
 
 
 @pytest.mark.parametrize(("taper", "wide"), [(None, 0.01), (0.0, 0.01), (45.0, 0.02)])

@@ -23,7 +23,7 @@ from optipromp_eyes.network import CLASSES, SCALE, depths_seen, encoded, grouped
 from optipromp_eyes.pictures import picture_files
 from optipromp_sim.simulation.photograph import Photograph
 
-STUDY = script("eyes_study")
+STUDY = script("studies/eyes")
 
 SEED = 60012
 MOST = 5_000_000  # bytes of a file of weights: what a package may carry

@@ -19,7 +19,7 @@ from optipromp_eyes.pictures import load_picture, picture_files
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.photograph import Photograph, StereoParameters, photograph, sensed
 
-STUDY = script("eyes_study")
+STUDY = script("studies/eyes")
 
 
 def run(*words: object) -> str:

@@ -342,7 +342,7 @@ class Replay:
     scene: Scene
     robot: Robot
     seed: int  # of the world
-    arrays: dict[str, Any]  # of :meth:`optipromp_sim.simulation.rollout.Rollout.arrays`
+    arrays: dict[str, Any]  # of :meth:`optipromp_sim.simulation.records.Rollout.arrays`
     success: bool  # whether the target alone was picked and nothing was harmed
     message: str  # of the outcome
     parameters: SimulationParameters  # of the physics

@@ -37,6 +37,7 @@ from optipromp_sim.simulation import Eye, Loop, Simulation, closed_loop
 from optipromp_sim.simulation.detector import Detector
 from optipromp_sim.simulation.detector_parameters import DETECTORS, DetectorParameters
 from optipromp_sim.simulation.parameters import SimulationParameters, of_crop
+from optipromp_sim.simulation.rollouts import Pick
 
 LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
 ASIDE = 0.015  # [m] of fruits after they were first seen: a choice
@@ -228,10 +229,7 @@ def seen_at_once(seen: Scene, scene: Scene, seed: int, parameters: SimulationPar
     Fruits on stems, and their stems, are shifted by as much as those of the true ``scene`` have
     moved since the beginning of a simulation with ``seed`` and ``parameters``, whose arm stands.
     """
-    simulation = Simulation(scene, seed, parameters)
-    for _ in range(round(parameters.engine.settle / simulation.tick)):
-        simulation.step(simulation.reference)
-    now = simulation.fruits()
+    now = Pick(Simulation(scene, seed, parameters), settle=parameters.engine.settle).arena.fruits()
     true = {item.id: item.position for item in scene.objects}
     moved = {name: now.positions[row] - true[name] for row, name in enumerate(now.ids)}
     return _fruits(seen, lambda item: item.shifted(moved[item.id]) if item.id in moved else item)

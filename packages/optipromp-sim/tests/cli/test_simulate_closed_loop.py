@@ -1,4 +1,4 @@
-"""``optipromp simulate --closed-loop``, the disturbances, and ``optipromp study --loop``."""
+"""``optipromp simulate --closed-loop``, and the disturbances."""
 
 import json
 from dataclasses import replace
@@ -156,24 +156,3 @@ def test_a_plan_is_refused_in_closed_loop(tmp_path):
     result = invoke("simulate", tmp_path, "--closed-loop")
     assert result.exit_code == 2
     assert "give the scene" in result.stderr
-
-
-def test_study_compares_loops(tmp_path):
-    arguments = [
-        "study", "--loop", "open", "--conditions", "none", "--preset", "mixed",
-        "--seeds", "0:1", "--workers", "1", "--out", tmp_path,
-    ]  # fmt: skip
-    result = invoke(*arguments)
-    assert result.exit_code == 0, result.output
-    for word in ("open", "Wilson", "gave", "wrote rows.csv"):
-        assert word in result.stdout
-    document = json.loads(invoke(*arguments, "--json").stdout)
-    cells = document["cells"]
-    assert [(cell["condition"], cell["loop"]) for cell in cells] == [("none", "open")]
-    kinds = ("clean", "harmed", "gave_up", "refused", "missed", "error")
-    assert all(sum(cell[kind] for kind in kinds) == cell["runs"] == 1 for cell in cells)
-    saved = json.loads((tmp_path / "summary.json").read_text())
-    assert saved["loops"] == cells
-    refused = invoke(*arguments, "--planner", "chomp")
-    assert refused.exit_code == 2
-    assert "loops have one, opti-promp" in refused.stderr

@@ -39,7 +39,7 @@ def simulation(bench, *objects, crop=CROP, **parameters):
 
 
 def verdict(made):
-    return judge(made.world, made.rollout(), made._run.log)
+    return judge(made.world, made.rollout(), made._run.records.log)
 
 
 @pytest.mark.parametrize("height", [0.1, 0.4])

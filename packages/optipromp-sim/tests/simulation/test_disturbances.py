@@ -202,7 +202,7 @@ def test_a_miscalibrated_arm_finds_the_whole_world_elsewhere(bench: Bench) -> No
     board = SceneObject("board", "static", bench.fruit("x", (0, 0, 0)).shape, np.ones(3))
     scene = replace(alone(bench), objects=(*alone(bench).objects, board))
     simulation = Simulation(scene, 3, disturbance(arm_offset=0.005, arm_turn=1.0), q=FAR)
-    pose = simulation.miscalibration
+    pose = simulation.world.miscalibration
     assert np.linalg.norm(pose.position) == pytest.approx(0.005)
     assert np.degrees(np.arccos((np.trace(pose.rotation) - 1.0) / 2.0)) == pytest.approx(1.0)
     now = simulation.fruits()

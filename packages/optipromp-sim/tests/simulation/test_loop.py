@@ -6,12 +6,10 @@ from tests.control.benches import in_order
 
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
-from optipromp.core.scenes.look import Look
 from optipromp.core.trajectory import State
 from optipromp_loop.control.controller import Controller, LoopStage
-from optipromp_loop.control.parameters import LoopParameters
 from optipromp_sim.generate import generate
-from optipromp_sim.simulation import Detector, Eye, Loop, SimulatedArm, Simulation, closed_loop
+from optipromp_sim.simulation import Detector, Eye, Loop, SimulatedArm
 from optipromp_sim.simulation.detector import Truth
 from optipromp_sim.situations import CONDITIONS, Situation, executed, picked
 
@@ -139,39 +137,3 @@ def test_an_executor_follows_the_controller() -> None:
     assert controller.stage is LoopStage.DONE
     assert len(controller.cycles) > 200
     assert arm.outcome().success
-
-
-def test_in_a_simulation_too_the_arm_stands_while_no_look_comes() -> None:
-    """The camera is silent for 3 s on the way, then the pick goes on."""
-
-    class Silent(Eye):
-        def delivered(self, now: float) -> tuple[Look, ...]:
-            looks = super().delivered(now)
-            return tuple(look for look in looks if not 1.5 < look.time < 4.5)
-
-    given = situation("zero-mean", 101)
-    controller = Controller(given.seen)
-    eye = Silent(Detector(given.scene, controller.robot, given.detector, 101))
-    done = closed_loop(Simulation(given.scene, 101, given.parameters), controller, eye)
-    said = [one for one in controller.noticed if one.why == "no look has come for 1 s"]
-    assert len(said) == 1
-    times, q = done.run.rollout.times, done.run.rollout.reference
-    held = (times > said[0].time + 0.2) & (times < 4.5)
-    assert np.ptp(q[held], axis=0).max() < 1e-9
-    assert np.ptp(q[times < said[0].time], axis=0).max() > 0.05
-    assert done.stage is LoopStage.DONE
-
-
-def test_an_arm_that_cannot_follow_is_held_in_a_simulation_too(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr("optipromp_sim.simulation.execute.LONGEST", 3.0)
-    given = situation("zero-mean", 101)
-    controller = Controller(given.seen, parameters=LoopParameters(off_curve=1e-3))
-    eye = Eye(Detector(given.scene, controller.robot, given.detector, 101))
-    done = closed_loop(Simulation(given.scene, 101, given.parameters), controller, eye)
-    assert controller.lost
-    assert "from the curve (at most 0.001)" in controller.fault
-    held = done.run.rollout.times > controller.noticed[-1].time + 0.2
-    assert held.any()
-    assert np.ptp(done.run.rollout.reference[held], axis=0).max() < 1e-9

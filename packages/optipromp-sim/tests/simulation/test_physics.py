@@ -36,7 +36,7 @@ def test_fruits_hang_where_the_scene_has_them(name, pose):
     world = build(scene, setup.robot, P)
     names = setup.robot.joint_names
     stay = Trajectory.through(np.tile(setup.start, (10, 1)), 0.2, names)
-    rollout, _ = Execution(world, stay, 50.0).run()
+    rollout = Execution(world, stay, 50.0).run()
     begin = np.array([obj.position for obj in (scene.target, *scene.pushables)])
     order = [rollout.fruit_ids.index(t.id) for t in (scene.target, *scene.pushables)]
     np.testing.assert_allclose(rollout.fruit_positions[0, order], begin, atol=1e-9)
@@ -61,7 +61,7 @@ def test_a_stem_bends_as_a_beam(bench, length):
     run = bench.execution(scene, parameters)
     body = run.world.fruits[0].body
     run.data.xfrc_applied[body, 0] = force
-    rollout, _ = run.run()
+    rollout = run.run()
     expected = force * (length**3 - 0.015**3) / (3.0 * stiffness)
     deflection = rollout.fruit_positions[-1, 0, 0] - rollout.fruit_positions[0, 0, 0]
     assert deflection == pytest.approx(expected, rel=0.05)
@@ -78,7 +78,7 @@ def test_a_fruit_swings_like_a_pendulum(bench):
     free = run.world.fruits[0]
     run.data.qvel[free.spin] = 0.02
     # every joint alike, so that stem and fruit start together
-    rollout, _ = run.run()
+    rollout = run.run()
     x = rollout.fruit_positions[:, 0, 0] - rollout.fruit_positions[:, 0, 0].mean()
     ups = np.flatnonzero((x[:-1] < 0) & (x[1:] >= 0))
     period = np.diff(rollout.times[ups]).mean()
@@ -138,7 +138,7 @@ def test_a_stem_tears_at_its_threshold(bench, pull, torn):
     scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
     run = bench.execution(scene, bench.parameters(stem=STRAIGHT))
     run.data.xfrc_applied[run.world.fruits[0].body, 2] = -(pull - WEIGHT)
-    rollout, _ = run.run()
+    rollout = run.run()
     assert bool(rollout.torn_at) is torn
     assert bool(rollout.attached[-1, 0]) is not torn
     if not torn:
@@ -232,7 +232,7 @@ def risen(bench, stem, push):
         bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5), length=0.2)), bench.parameters(stem=stem)
     )
     run.data.xfrc_applied[run.world.fruits[0].body, 2] = push
-    rollout, _ = run.run()
+    rollout = run.run()
     return rollout.fruit_positions[-1, 0, 2] - rollout.fruit_positions[0, 0, 2]
 
 
@@ -244,7 +244,7 @@ def test_a_stem_that_is_pressed_from_below_bends_and_is_no_strut(bench):
 
 def test_a_bowed_stem_holds_its_fruit_where_it_was_seen(bench):
     run = bench.execution(bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5), length=0.2)))
-    rollout, _ = run.run()
+    rollout = run.run()
     moved = np.linalg.norm(rollout.fruit_positions[:, 0] - rollout.fruit_positions[0, 0], axis=1)
     assert moved.max() < 2e-4
 

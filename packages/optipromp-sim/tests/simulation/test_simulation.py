@@ -11,7 +11,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_sim.simulation import SimulatedArm, Simulation, simulate
-from optipromp_sim.simulation.rollout import Rollout
+from optipromp_sim.simulation.records import Rollout
 
 Bench = Any  # of conftest.py
 

@@ -35,7 +35,7 @@ def moved(scene, seed, seconds, **groups):
     q = np.tile(posed(scene, None)[1].q, (2, 1))
     stay = Trajectory.through(q, seconds - 0.5, world.robot.joint_names)
     run = Execution(world, stay, 50.0)
-    rollout, _ = run.run()
+    rollout = run.run()
     assert not rollout.warnings
     assert not rollout.torn_at
     assert rollout.times[-1] == pytest.approx(seconds, abs=0.01)

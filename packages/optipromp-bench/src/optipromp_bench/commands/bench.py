@@ -1,8 +1,8 @@
 """``optipromp bench``: the benchmark of reaching in hanging clutter."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
@@ -220,21 +220,26 @@ def study(file: Path, /, out: Path, workers: Workers = None) -> Report:
         optipromp bench study scripts/studies/loops.toml --out loops
 
     Args:
-        file (FILE.toml): Of 'table', plans or loops, and a row of 'study' for each:
-            name, presets, planners, seeds, noise, loops, conditions, eyes.
+        file (FILE.toml): Of 'table', plans, loops or MODULE:CLASS, and a row of 'study' for each:
+            name, presets, planners, seeds, noise, loops, conditions, eyes; or the fields of CLASS.
         out (DIR): Of the rows.
     """
     from rich.text import Text
 
-    from optipromp_bench.experiments.study import run_study
-    from optipromp_bench.experiments.tables import TABLES, studies_in
+    from optipromp_bench.experiments.kinds import run_kind
+    from optipromp_bench.experiments.study import Study, run_study
+    from optipromp_bench.experiments.tables import studies_in, tables_of
 
-    kind, studies = studies_in(file)
+    table, studies = studies_in(file)
     say_if_compiling()
+    rows: dict[str, Sequence[Any]] = {}
     for name, each in studies.items():
         with progress_bar(20) as say:
-            run_study(each, out / name, workers=workers, progress=_told(say))
-    told = TABLES[kind](out, list(studies))
+            if isinstance(each, Study):
+                rows[name] = run_study(each, out / name, workers=workers, progress=_told(say))
+            else:
+                rows[name] = run_kind(each, out / name, workers, _told(say))
+    told = tables_of(table, out, rows)
     return Report({"tables": told}, [Text(told, no_wrap=True)])
 
 

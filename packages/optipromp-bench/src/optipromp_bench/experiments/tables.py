@@ -1,8 +1,8 @@
 """Studies as rows of one TOML file, and the tables of what they came to.
 
-``table`` of the file is ``plans``, for plans that are executed blind, or ``loops``, for picks by
-two loops. Each ``[[study]]`` has a ``name``, of its folder and in the table, and fields of
-:class:`optipromp_bench.experiments.trials.Study`.
+``table`` of the file is ``plans``, for plans that are executed blind, ``loops``, for picks by two
+loops, or MODULE:CLASS of a kind of its own. Each ``[[study]]`` has a ``name``, of its folder and in
+the table, and fields of :class:`optipromp_bench.experiments.trials.Study` or of that kind.
 """
 
 import functools
@@ -10,13 +10,14 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, Literal, get_type_hints
+from typing import Any, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
+from optipromp_bench.experiments.kinds import Kind, kind_of
 from optipromp_bench.experiments.rows import Row, rows_of
 from optipromp_bench.experiments.statistics import (
     ALL,
@@ -27,7 +28,7 @@ from optipromp_bench.experiments.statistics import (
     summary,
     tabled,
 )
-from optipromp_bench.experiments.trials import Study
+from optipromp_bench.experiments.study import Study
 from optipromp_bench.table import paired, told_p
 
 LEFT_OUT = "choice", "files", "crop"  # fields of a study that are no words or numbers
@@ -36,39 +37,45 @@ PREDICTED = "hanging", DETECTED, "shelf"  # parts for which predicted harm is to
 
 
 @functools.cache
-def _model() -> type[BaseModel]:
+def _model(kind: Any) -> type[BaseModel]:
     """What reads a file."""
-    strict, kinds = ConfigDict(extra="forbid"), get_type_hints(Study)
+    strict, kinds = ConfigDict(extra="forbid"), get_type_hints(kind)
     row: dict[str, Any] = {
         each.name: (kinds[each.name], each.default)
-        for each in fields(Study)
+        for each in fields(kind)
         if each.name not in LEFT_OUT
     }
     row["name"] = (str, Field(pattern=r"^[a-z0-9-]+$"))
     studies: Any = list[create_model("Line", __config__=strict, **row)]  # type: ignore[misc]
-    table: Any = Literal["plans", "loops"]
-    return create_model("Studies", __config__=strict, table=(table, ...), study=(studies, ...))
+    return create_model("Studies", __config__=strict, table=(str, ...), study=(studies, ...))
 
 
-def studies_in(file: Path) -> tuple[str, dict[str, Study]]:
+def studies_in(file: Path) -> tuple[str, dict[str, Study | Kind]]:
     """The kind of tables of a file, and its studies by name; refuses what is none."""
     try:
         told = tomllib.loads(read_bytes(file, InvalidRequestError).decode("utf-8"))
-        rows = _model().model_validate(told).model_dump()
+        table = str(told.get("table", "plans"))
+        kind: Any = Study if table in TABLES else kind_of(table)
+        rows = _model(kind).model_validate(told).model_dump()
     except ValidationError as error:
         wrong = error.errors()[0]
         where = ".".join(map(str, wrong["loc"]))
         raise InvalidRequestError(f"{file}: {where}: {wrong['msg']}") from None
     except ValueError as error:
         raise InvalidRequestError(f"{file} is no TOML: {error}") from None
-    studies = {row.pop("name"): Study(**row) for row in rows["study"]}
+    studies: dict[str, Any] = {row.pop("name"): kind(**row) for row in rows["study"]}
     if len(studies) < len(rows["study"]):
         raise InvalidRequestError(f"{file}: two studies have one name; each must have its own")
     if rows["table"] == "loops" and [len(each.loops) for each in studies.values()] != [1, 1]:
         raise InvalidRequestError(f"{file}: a table of loops is of two studies, of one loop each")
     if rows["table"] == "plans" and any(each.loops for each in studies.values()):
         raise InvalidRequestError(f"{file}: a table of plans is of studies without loops")
-    return rows["table"], studies
+    return table, studies
+
+
+def tables_of(table: str, folder: Path, rows: Mapping[str, Sequence[Any]]) -> str:
+    """The tables of studies that were run, by the rows of each."""
+    return TABLES[table](folder, list(rows)) if table in TABLES else kind_of(table).told(rows)
 
 
 def plans(folder: Path, parts: Sequence[str]) -> str:

@@ -23,7 +23,10 @@ from optipromp_sim.simulation.parameters import ThingParameters as ThingParamete
 from optipromp_sim.simulation.parameters import Thresholds as Thresholds
 from optipromp_sim.simulation.parameters import catalogue as catalogue
 from optipromp_sim.simulation.photograph import LiveCamera as LiveCamera
-from optipromp_sim.simulation.rollout import Rollout as Rollout
+from optipromp_sim.simulation.records import Rollout as Rollout
+from optipromp_sim.simulation.rollouts import Legs as Legs
+from optipromp_sim.simulation.rollouts import Pick as Pick
+from optipromp_sim.simulation.rollouts import rollout as rollout
 from optipromp_sim.simulation.simulation import FruitStates as FruitStates
 from optipromp_sim.simulation.simulation import SimulatedArm as SimulatedArm
 from optipromp_sim.simulation.simulation import Simulation as Simulation

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.errors import Code, ExecutionError, InvalidRequestError, OptiPrompError
-from optipromp.core.execution.streaming import Stretch
+from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
+from optipromp.core.execution.executor import TIE, standing
+from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning import Plan
 from optipromp.core.planning.legs import Picked, brought, led_out
 from optipromp.core.planning.result import AFTER, CARRY
@@ -25,11 +26,12 @@ from optipromp.looks.viewer.serving import FRAME_RATE, FRAMES, REST, recording
 from optipromp_loop.control.controller import Controller, LoopStage
 from optipromp_loop.control.driver import path_back, target_row, tracked_scene
 from optipromp_loop.control.tracker import Tracked
-from optipromp_sim.simulation.detector import Detector, Eye, Truth
+from optipromp_sim.simulation.detector import Detector, Eye
 from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.outcome import Cause, Outcome
 from optipromp_sim.simulation.parameters import SimulationParameters
-from optipromp_sim.simulation.rollout import Rollout
+from optipromp_sim.simulation.records import Rollout
+from optipromp_sim.simulation.rollouts import Legs, Pick, rollout
 from optipromp_sim.simulation.simulation import Simulation
 from optipromp_sim.simulation.world import World, build
 
@@ -165,71 +167,74 @@ def simulate(
             f"the trajectory moves {', '.join(trajectory.joint_names)}; {robot.name} has "
             f"{', '.join(robot.joint_names)}"
         )
-    motion = trajectory.slowed(1.0 / parameters.control.speed)
+    curves = [trajectory] if picked is None else [trajectory, *_after(picked, failed_leg)]
+    motions = [curve.slowed(1.0 / parameters.control.speed) for curve in curves]
     simulation = Simulation(
-        scene, seed, parameters, robot=robot, q=motion.positions[0], record_rate=record_rate
+        scene, seed, parameters, robot=robot, q=motions[0].positions[0], record_rate=record_rate
     )
-    rollout, outcome = simulation.follow(motion)
+    pick = Pick(simulation)
+    rollout(Legs(*motions), pick)
+    assert pick.records is not None
+    records, outcome = pick.records, pick.judged()
     if picked is not None:
-        rollout, outcome = go_on(simulation, picked, rollout, outcome, failed_leg)
-    return Run(scene, robot, parameters, seed, rollout, outcome, time.perf_counter() - began)
+        outcome = _placed(picked, records, outcome, parameters.thresholds.placed, failed_leg)
+    return Run(scene, robot, parameters, seed, records, outcome, time.perf_counter() - began)
 
 
-def go_on(
-    simulation: Simulation, picked: Picked, rollout: Rollout, outcome: Outcome,
-    failed_leg: bool = False,
-) -> tuple[Rollout, Outcome]:  # fmt: skip
-    """Execute the legs after an executed reach, of which records and judgement are given.
+def _after(picked: Picked, failed_leg: bool) -> list[Trajectory]:
+    """The legs that are executed once the reach has picked the target.
 
-    If the reach picked the target, the stem of the target is cut and the target is held where it is
-    in the tool. No leg is executed after a reach that did not pick it. A leg whose plan failed is
-    executed with ``failed_leg`` only; without it the run ends before that leg. The target is
-    *placed* where its centre is within ``thresholds.placed`` of its place at the end of the carry.
-    Without a place, the pick ends with the retreat.
+    A leg whose plan failed is executed with ``failed_leg`` only; without it the run ends before.
+    """
+    legs = (picked.legs.get(name) for name in AFTER)
+    return [leg.trajectory for leg in legs if leg is not None and (leg.success or failed_leg)]
+
+
+def _placed(
+    picked: Picked, records: Rollout, outcome: Outcome, limit: float, failed_leg: bool
+) -> Outcome:
+    """The outcome of a pick whose legs were executed.
+
+    The target is *placed* where its centre is within ``limit`` [m] of its place at the end of the
+    carry. Without a place, the pick ends with the retreat.
     """
     placed = None if picked.reach.scene.place is None else False
-    slower, done = 1.0 / simulation.parameters.control.speed, replace(outcome, placed=placed)
-    if outcome.success and outcome.picked is not False:
-        simulation.grip()
-        for name in AFTER:
-            leg = picked.legs.get(name)
-            if leg is not None and (leg.success or failed_leg):
-                rollout, outcome = simulation.follow(leg.trajectory.slowed(slower))
-        done = replace(outcome, placed=placed)
+    done = replace(outcome, placed=placed)
     if placed is not None and not picked.success:
-        return rollout, _unplaced(done, f"of the plan, {picked.message} ({picked.status})")
+        return _unplaced(done, f"of the plan, {picked.message} ({picked.status})")
     if placed is None and not picked.success and not failed_leg:
         done = replace(done, message=f"{done.message}; the way out failed: {picked.message}")
     if not done.success or placed is None:
-        return rollout, done
-    off, limit = _off(picked, rollout), simulation.parameters.thresholds.placed
+        return done
+    off = _off(picked, records)
     if off is None:
-        return rollout, done
+        return done
     if off > limit:
         message = f"the target ends {1e3 * off:.1f} mm from its place"
-        return rollout, replace(_unplaced(done, message), message=message, placed_off=off)
+        return replace(_unplaced(done, message), message=message, placed_off=off)
     message = f"{outcome.message}; it was brought to its place, {1e3 * off:.1f} mm off"
-    return rollout, replace(outcome, placed=True, placed_off=off, message=message)
+    return replace(outcome, placed=True, placed_off=off, message=message)
 
 
 def bring(
-    simulation: Simulation, controller: Controller, q: FloatArray, done: tuple[Rollout, Outcome]
+    simulation: Simulation, pick: Pick[Outcome], controller: Controller, done: Rollout
 ) -> tuple[Rollout, Outcome, Picked | None]:
     """Retreat and carry after a reach in closed loop, in the scene as it is tracked by then.
 
     Without a place the arm leaves by the retreat of least harm, whatever its harm.
 
-    ``q``: (k, n) commanded configurations of the reach from its last plan on. ``done``: records and
-    judgement of the reach.
+    ``done``: records of the reach.
 
     Returns: Records and judgement of the whole, and the pick; None where the reach did not succeed.
     """
-    rollout, outcome = done
+    outcome = pick.judged()
     leaves = controller.scene.place is None
     if not (outcome.success and controller.plans):
-        return rollout, replace(outcome, placed=None if leaves else False), None
+        return done, replace(outcome, placed=None if leaves else False), None
+    set_out = max((e.time for e in controller.events if e.stage is LoopStage.GO), default=0.0)
+    q = np.vstack([done.reference[done.times >= set_out], pick.reference.q])
     made, robot = controller.plans[-1], controller.robot
-    tracked = controller.tracker.at(simulation.time)
+    tracked = controller.tracker.at(pick.arena.time)
     seen = target_row(tracked) is not None
     scene = tracked_scene(controller.scene, tracked) if seen else made.scene
     curve = path_back(robot, q, controller.parameters.retreat_speed)
@@ -242,9 +247,14 @@ def bring(
         picked = brought(led_out(reach))
     except OptiPrompError as error:
         if leaves:
-            return rollout, outcome, None
-        return rollout, _unplaced(outcome, f"no way to the place: {error.message}"), None
-    return *go_on(simulation, picked, rollout, outcome, failed_leg=leaves), picked
+            return done, outcome, None
+        return done, _unplaced(outcome, f"no way to the place: {error.message}"), None
+    p = simulation.parameters
+    rollout(Legs(*(leg.slowed(1.0 / p.control.speed) for leg in _after(picked, leaves))), pick)
+    records = pick.records or done
+    return (
+        records, _placed(picked, records, pick.judged(), p.thresholds.placed, leaves), picked,
+    )  # fmt: skip
 
 
 def _unplaced(outcome: Outcome, why: str) -> Outcome:
@@ -384,76 +394,60 @@ def closed_loop(
         wrench: whether the arm reports the force on its tool.
     """
     began = time.perf_counter()
-    cycle = round(controller.parameters.period / simulation.tick)
-    line = _Line()
-    cycles, looks, stretches = [], [], []
-    state = simulation.state()
-    reference = State(state.q)
-    for _ in range(round(simulation.parameters.engine.settle / simulation.tick)):
-        state = simulation.step(reference)
-    begin, gripped = simulation.time, False
-    target = None if simulation.scene.target is None else simulation.scene.target.id
-    while simulation.time < begin + LONGEST:
-        now, fruits = simulation.time, simulation.fruits()
-        eye.see(
-            now, state.q, Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-        )
-        for look in eye.delivered(now):
-            controller.see(look)
-            looks.append(look)
-        if wrench:
-            controller.feel(simulation.wrench()[:3])
-        stretch = controller(now, state, reference)
-        if controller.holding and not gripped:
-            gripped = True
-            if target in simulation.held():
-                simulation.grip()
-        if stretch is not None:
-            line.coming.append(stretch)
-            stretches.append(stretch)
-        tracked = controller.tracker.at(now)
-        cycles.append((now, controller.stage, tracked, len(controller.plans)))
-        if controller.ended and line.ended(now):
-            break
-        try:
-            for k in range(cycle):
-                reference = line.at(now + k * simulation.tick, reference)
-                state = simulation.step(reference)
-        except ExecutionError:  # the outcome tells of it
-            break
+    agent, p = Controlled(controller, wrench), simulation.parameters
+    pick = Pick(simulation, eye, p.engine.settle, controller.parameters.period)
+    rollout(agent, pick)
     moved = simulation.time
-    outcome, rollout, picked = simulation.outcome(), simulation.rollout(moved), None
-    if outcome.picked is not None and controller.robot.tool is not None and not gripped:
-        set_out = max((e.time for e in controller.events if e.stage is LoopStage.GO), default=0.0)
-        q = rollout.reference[rollout.times >= set_out]
-        q = np.vstack([q, simulation.reference.q])
-        done = rollout, outcome
-        rollout, outcome, picked = bring(simulation, controller, q, done)
+    outcome, records, picked = pick.judged(), simulation.rollout(moved), None
+    if outcome.picked is not None and controller.robot.tool is not None and not agent.gripped:
+        records, outcome, picked = bring(simulation, pick, controller, records)
     run = Run(
-        simulation.scene, simulation.robot, simulation.parameters, simulation.seed,
-        rollout, outcome, time.perf_counter() - began,
+        simulation.scene, simulation.robot, p, simulation.seed, records, outcome,
+        time.perf_counter() - began,
     )  # fmt: skip
-    times, stages, tracks, plans = zip(*cycles, strict=True)
-    trace = Trace(
-        np.array(times), stages, tuple(looks), tracks, tuple(stretches),
-        np.array(plans, dtype=np.int64),
-    )  # fmt: skip
-    return Loop(run, controller.stage, trace, controller, eye.detector, picked)
+    return Loop(run, controller.stage, agent.trace(), controller, eye.detector, picked)
 
 
-@dataclass
-class _Line:
-    """The stretch that runs, and those that take over later."""
+class Controlled:
+    """A controller as an agent, until it has ended; it keeps what it saw and did."""
 
-    running: Stretch | None = None
-    coming: list[Stretch] = field(default_factory=list)
+    def __init__(self, controller: Controller, wrench: bool = False) -> None:
+        self.controller, self.wrench, self.gripped = controller, wrench, False
+        self._line: Line | None = None
+        self._cycles: list[tuple[float, LoopStage, Tracked, int]] = []
+        self._looks: list[Look] = []
+        self._stretches: list[Stretch] = []
 
-    def at(self, time: float, before: State) -> State:
-        """The reference at a ``time`` [s]; ``before``: that of the tick before."""
-        while self.coming and self.coming[0].begins <= time + 1e-9:
-            self.running = self.coming.pop(0)
-        return before if self.running is None else self.running.at(time)
+    def __call__(self, pick: Pick[Outcome]) -> list[State] | None:
+        """The references of one cycle; see :class:`optipromp_sim.simulation.rollouts.Agent`."""
+        controller, now, tick = self.controller, pick.arena.time, pick.arena.tick
+        if now >= pick.began + LONGEST:
+            return None
+        for look in pick.looks:
+            controller.see(look)
+        self._looks += pick.looks
+        if self.wrench:
+            controller.feel(pick.arena.wrench()[:3])
+        stretch = controller(now, pick.state, pick.reference)
+        if controller.holding and not self.gripped:
+            self.gripped, target = True, pick.arena.scene.target
+            if target is not None and target.id in pick.arena.held():
+                pick.take()
+        line = self._line or Line.of(standing(controller.robot, pick.reference), now)
+        if stretch is not None:
+            line = line.until(stretch.begins, now).then(stretch, stretch.begins - TIE)
+            self._stretches.append(stretch)
+        tracked, count = controller.tracker.at(now), len(controller.plans)
+        self._cycles.append((now, controller.stage, tracked, count))
+        if controller.ended and (not self._stretches or line.ended(now)):
+            return None
+        self._line = line
+        return [line.at(now + k * tick) for k in range(pick.ticks)]
 
-    def ended(self, time: float) -> bool:
-        """Whether the last stretch has come to its end."""
-        return not self.coming and (self.running is None or self.running.ended(time))
+    def trace(self) -> Trace:
+        """What the controller saw and did so far."""
+        times, stages, tracks, plans = zip(*self._cycles, strict=True)
+        return Trace(
+            np.array(times), stages, tuple(self._looks), tracks, tuple(self._stretches),
+            np.array(plans, dtype=np.int64),
+        )  # fmt: skip

@@ -11,7 +11,7 @@ from optipromp.core.robots.grippers import Scissor, Suction
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import JointGoal
-from optipromp_sim.simulation.rollout import Rollout
+from optipromp_sim.simulation.records import Rollout
 from optipromp_sim.simulation.world import Fruit, World
 
 LIP = 0.003  # [m] chosen: height of the contacts of a lip below its plane, and beyond its radius

@@ -24,7 +24,7 @@ from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.crops import Crop
 from optipromp_sim.simulation.contacts import ContactLog, in_tool, pressing
 from optipromp_sim.simulation.grasps import on_lip, scissor_of, suction_of, wanted
-from optipromp_sim.simulation.rollout import Rollout, StemCut
+from optipromp_sim.simulation.records import Rollout, StemCut
 from optipromp_sim.simulation.world import Fruit, World
 
 BEARABLE = "impact_energy", "pressed_force", "edge_force"

@@ -12,16 +12,15 @@ from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.execution.executor import Follower, Guard
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_sim.simulation.contacts import HarmSoFar, harm_so_far, in_tool, pressing
-from optipromp_sim.simulation.engine import Layer
+from optipromp_sim.simulation.engine import Layer, engine
 from optipromp_sim.simulation.outcome import Outcome, judge
 from optipromp_sim.simulation.parameters import SimulationParameters
-from optipromp_sim.simulation.rollout import Rollout
-from optipromp_sim.simulation.steps import Execution, quiet
+from optipromp_sim.simulation.records import Rollout
+from optipromp_sim.simulation.steps import Execution, Reference
 from optipromp_sim.simulation.world import GRIP, World, build
 
 
@@ -121,11 +120,6 @@ class Simulation:
         return self._world
 
     @property
-    def miscalibration(self) -> Pose:
-        """The error of the arm's base: true places are ``miscalibration @ believed``."""
-        return self._world.miscalibration
-
-    @property
     def data(self) -> Any:
         """The present ``MjData`` of ``world.model``; another after a reset."""
         return self._run.data
@@ -182,17 +176,11 @@ class Simulation:
 
     def _step(self) -> bool:
         """One period of the controller; False after a warning of the engine."""
-        run, drives, asked = self._run, self._world.drives, self.reference
-        self._first_record()
+        drives, asked = self._world.drives, self.reference
         q = drives.segments(asked.q[None])[0]
         rate = drives.segments(asked.velocity[None], rates=True)[0]
         gain = drives.segments(asked.acceleration[None], rates=True)[0]
-        with quiet(run.mujoco):
-            return all(run.advance(q, rate, gain, q) for _ in range(run.tick))
-
-    def _first_record(self) -> None:
-        if not self._run.records:
-            self._run.begin(self._run.q.copy())
+        return self._run.hold(Reference(q, rate, gain, q))
 
     def follow(self, motion: Trajectory) -> tuple[Rollout, Outcome]:
         """Execute a motion that begins where the arm is, and judge all that happened so far.
@@ -201,8 +189,8 @@ class Simulation:
         every step of the engine.
         """
         self.reference = State(motion.positions[-1])
-        rollout, log = self._run.run(motion)
-        return rollout, judge(self._world, rollout, log)
+        rollout = self._run.run(motion)
+        return rollout, judge(self._world, rollout, self._run.records.log)
 
     def grip(self) -> None:
         """Cut the stem of the target and hold the target in the tool, where it is now.
@@ -212,30 +200,28 @@ class Simulation:
         Raises:
             InvalidRequestError: the scene has no target, or the robot no tool.
         """
-        run, world = self._run, self._world
+        run, world, mujoco = self._run, self._world, engine()
         target = next((fruit for fruit in world.shown if fruit.role == "target"), None)
         if target is None or self.robot.tool is None:
             raise InvalidRequestError(f"{self.scene.name} has no target or tool: no grip")
         run.stems.cut(run.data, target)
-        weld, tool = run.model.equality(GRIP).id, run.model.body("tool").id
+        weld, tool = world.model.equality(GRIP).id, world.model.body("tool").id
         turn = run.data.xmat[tool].reshape(3, 3)
         quaternion = np.zeros(4)
-        run.mujoco.mju_mat2Quat(
-            quaternion, (turn.T @ run.data.xmat[target.body].reshape(3, 3)).ravel()
-        )
+        mujoco.mju_mat2Quat(quaternion, (turn.T @ run.data.xmat[target.body].reshape(3, 3)).ravel())
         offset = turn.T @ (run.data.xpos[target.body] - run.data.xpos[tool])
-        run.model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *offset, *quaternion]
+        world.model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *offset, *quaternion]
         run.data.eq_active[weld] = 1
         if self.robot.tool.fingers:
-            own = np.flatnonzero(run.model.geom_bodyid == target.body)
-            run.model.geom_conaffinity[own] &= ~int(Layer.ROBOT)
+            own = np.flatnonzero(world.model.geom_bodyid == target.body)
+            world.model.geom_conaffinity[own] &= ~int(Layer.ROBOT)
             self._gripped = True
 
     def state(self) -> State:
         """Measured positions and velocities of the joints; the acceleration is the reference's."""
         drives, run = self._world.drives, self._run
-        q = drives.joints(run.q[None])[0]
-        velocity = drives.joints(run.velocity[None], rates=True)[0]
+        q = drives.joints(run.control.q[None])[0]
+        velocity = drives.joints(run.control.velocity[None], rates=True)[0]
         return State(q, velocity, self.reference.acceleration)
 
     def fruits(self) -> FruitStates:
@@ -256,7 +242,7 @@ class Simulation:
 
     def _stems(self) -> tuple[FloatArray, ...]:
         """See :attr:`FruitStates.stem_ends`. MuJoCo's own places of bodies are a step old."""
-        model, mujoco = self._world.model, self._run.mujoco
+        model, mujoco = self._world.model, engine()
         if self._scratch is None:
             self._scratch = mujoco.MjData(model)
         now = self._scratch
@@ -275,11 +261,7 @@ class Simulation:
 
     def harm(self) -> HarmSoFar:
         """What was harmed so far."""
-        return harm_so_far(self._world, self._run.log, len(self._run.stems.torn))
-
-    def holds(self, name: str) -> bool:
-        """Whether the tool holds a target or pushable now."""
-        return name in self.held()
+        return harm_so_far(self._world, self._run.records.log, len(self._run.stems.torn))
 
     def held(self) -> tuple[str, ...]:
         """The targets and pushables that the tool holds now."""
@@ -303,7 +285,7 @@ class Simulation:
         for row, pair, point, force in zip(*found, strict=True):
             if not mine[pair].any():
                 continue
-            run.mujoco.mj_contactForce(run.model, run.data, row, six)
+            engine().mj_contactForce(self._world.model, run.data, row, six)
             turning = six[3:] @ run.data.contact[row].frame.reshape(3, 3)  # of spin and rolling
             sign = 1.0 if mine[pair[1]] else -1.0
             total += sign * np.array([force, np.cross(point - tool, force) + turning])
@@ -311,7 +293,7 @@ class Simulation:
 
     def rollout(self, motion: float | None = None) -> Rollout:
         """The records so far, of a motion that ended at the time ``motion`` [s]; None: now."""
-        self._first_record()
+        self._run.begin(self._run.control.q.copy())
         return self._run.rollout(self.time if motion is None else motion)
 
     def outcome(self) -> Outcome:
@@ -322,8 +304,8 @@ class Simulation:
         for _ in range(round(control.hold * control.rate)):
             if self.broken or not self._step():
                 break
-        self._first_record()
-        return judge(self._world, self._run.rollout(moved), self._run.log)
+        self._run.begin(self._run.control.q.copy())
+        return judge(self._world, self._run.rollout(moved), self._run.records.log)
 
 
 class SimulatedArm(Follower):

@@ -3,7 +3,7 @@
 from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.grasps import between_blades, carried_by, scissor_of
 from optipromp_sim.simulation.outcome import HarmLog
 from optipromp_sim.simulation.parameters import STEM_FORCE
-from optipromp_sim.simulation.rollout import Rollout, StemCut, used
+from optipromp_sim.simulation.records import Rollout, StemCut, used
 from optipromp_sim.simulation.world import Fruit, World
 
 
@@ -72,60 +72,208 @@ class Carriages:
         data.qfrc_applied[self._dofs] = CARRIAGE_MASS * (gain + self._hold)
 
 
-class Execution:
-    """One run in ``world`` from where ``motion`` begins, of ``record_rate`` records a second [Hz].
+class Reference(NamedTuple):
+    """What the joint controller is asked for at one step, of the S segments."""
 
-    The controller is computed torque, :math:`τ = M(q)(q̈_r + ω^2 e + 2ζω ė) + b(q, q̇)`, constant
-    between its ticks and cut at the torque limits. It knows the arm's masses, but neither its
-    friction nor its contacts. ``data`` may be changed before the run.
+    q: FloatArray  # (S,)
+    rate: FloatArray  # (S,)
+    acceleration: FloatArray  # (S,)
+    after: FloatArray  # (S,) the position at the end of the step
+
+
+class JointControl:
+    """Computed torque, :math:`τ = M(q)(q̈_r + ω^2 e + 2ζω ė) + b(q, q̇)`, cut at the torque limits.
+
+    It knows the arm's masses, but neither its friction nor its contacts. A command delay gives it
+    the reference of some steps ago.
     """
 
-    def __init__(self, world: World, motion: Trajectory, record_rate: float) -> None:
-        self.world, self.motion = world, motion
-        self.mujoco = engine()
-        self.model, self.data = world.model, world.data(motion.positions[0])
+    def __init__(self, world: World, data: Any) -> None:
+        p, n = world.parameters, world.robot.n_segments
+        self._world, self._data, self._mul = world, data, engine().mj_mulM
+        self._gains = p.control.frequency**2, 2.0 * p.control.damping_ratio * p.control.frequency
+        self._late = round(p.disturbance.command_delay / p.engine.timestep)
+        self._waiting: deque[Reference] = deque()
+        # views of MuJoCo's data, of the robot alone
+        self.q, self.velocity = data.qpos[:n], data.qvel[:n]
+        self._bias, self._applied = data.qfrc_bias[:n], data.qfrc_applied[:n]
+        self._wanted, self._inertial = np.zeros((2, world.model.nv))
+        self.torque, self.most_asked, self.worst_error = np.zeros((3, n))
+
+    def due(self, asked: Reference) -> Reference:
+        """The reference that arrives now; of a late one, at first the arm stands."""
+        if not self._late:
+            return asked
+        self._waiting.append(asked)
+        if len(self._waiting) > self._late:
+            return self._waiting.popleft()
+        first = self._waiting[0].q
+        return Reference(first, np.zeros_like(first), np.zeros_like(first), first)
+
+    def drive(self, asked: Reference) -> None:
+        """Set the torques, which hold until the next call."""
+        n, (stiffness, damping) = len(asked.q), self._gains
+        self._wanted[:n] = (
+            asked.acceleration
+            + stiffness * (asked.q - self.q)
+            + damping * (asked.rate - self.velocity)
+        )
+        self._mul(self._world.model, self._data, self._inertial, self._wanted)
+        torque = self._inertial[:n] + self._bias
+        limit = self._world.drives.torque
+        self.torque = np.minimum(np.maximum(torque, -limit), limit)
+        np.maximum(self.most_asked, np.abs(torque), out=self.most_asked)
+        self._applied[:] = self.torque
+
+    def compare(self, after: FloatArray) -> None:
+        """Note how far the segments are from where they should be, ``after`` (S,)."""
+        np.maximum(self.worst_error, np.abs(after - self.q), out=self.worst_error)
+
+
+class Happenings:
+    """What moves, opens or breaks in a world without being touched."""
+
+    def __init__(self, world: World, data: Any) -> None:
         p = world.parameters
-        self.carriages = Carriages(world, self.data) if world.roots else None
+        self._world, self._data, self._step = world, data, p.engine.timestep
+        self._carriages = Carriages(world, data) if world.roots else None
         soft = ("static", "avoid") if p.thing.avoid_as == "soft" else ("static",)
-        self.movers = [
-            (int(self.model.body(f"{item.role}:{item.id}").mocapid[0]), course)
+        self._movers = [
+            (int(world.model.body(f"{item.role}:{item.id}").mocapid[0]), course)
             for item, course in world.scene.movers
             if item.role in soft
         ]
-        crop, caught = world.scene.crop, p.thresholds.stem_force
+        self._lid = p.robot.guard_until > 0.0
+        self._breaks = p.disturbance.breaks
+
+    def before(self, step: int) -> None:
+        """Bring roots and movers to where they are at a step."""
+        if self._carriages is not None:
+            self._carriages.drive(self._data, step)
+        for body, motion in self._movers:
+            now = step * self._step - self._world.parameters.engine.settle
+            at = motion.at(np.array([0.0, now]))
+            self._data.mocap_pos[body] = at[1] - at[0]
+
+    def after(self, step: int) -> None:
+        """Open the mouth's lid once its time has come."""
+        if self._lid and step * self._step >= self._world.parameters.robot.guard_until:
+            self._lid, lid = False, self._world.model.geom(GUARD)
+            lid.contype[0], lid.rgba[3] = 0, 0.0
+
+    def broken(self, q: FloatArray) -> Fruit | None:
+        """The target whose stem breaks now, once: the tool point is near; the segments at ``q``."""
+        if self._breaks <= 0.0:
+            return None
+        world = self._world
+        point = world.robot.tool_pose(world.drives.joints(q[None])[0])[0]
+        target = next((fruit for fruit in world.shown if fruit.role == "target"), None)
+        if target is None:
+            self._breaks = 0.0
+            return None
+        place = self._data.qpos[target.position : target.position + 3]
+        if float(np.linalg.norm(place - point)) >= self._breaks:
+            return None
+        self._breaks = 0.0
+        return target
+
+
+class Recorder:
+    """The records of a run, and the log of its contacts; makes a :class:`Rollout` of them."""
+
+    def __init__(self, world: World, data: Any, log: ContactLog, control: JointControl) -> None:
+        self._world, self._data, self._control, self.log = world, data, control, log
+        self.rows: list[tuple[Any, ...]] = []
+        self._contacts: list[FloatArray] = []
+        shown, entities = world.shown, world.entities
+        self._fruits = np.array([f.entity for f in shown], dtype=np.int64)
+        self._stems = np.array([f.stem_entity for f in shown], dtype=np.int64)
+        self._moving = np.array([e.kind not in ("static", "avoid") for e in entities])
+        self._robot = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
+
+    def add(self, q: FloatArray) -> None:
+        """Record the present state; ``q`` (S,) is the reference position of the segments."""
+        data = self._data
+        forces = self.log.take_recent()
+        on_stems = forces[self._stems][:, self._robot].max(axis=1)
+        self.rows.append(
+            (
+                data.time, data.qpos.copy(), self._control.velocity.copy(), self._control.torque, q,
+                [f.weld >= 0 and bool(data.eq_active[f.weld]) for f in self._world.shown],
+                forces[self._fruits].max(axis=1),
+                np.where(self._stems >= 0, on_stems, 0.0),
+            )
+        )  # fmt: skip
+        _, pairs, points, pushes = pressing(data, self._world, self._moving)
+        record = np.full(len(pairs), len(self.rows) - 1)
+        self._contacts.append(np.column_stack([record, pairs, points, pushes]))
+
+    def rollout(
+        self, motion: float, curve: Trajectory, stems: "StemWatch", cut: StemCut | None,
+        warnings: tuple[str, ...],
+    ) -> Rollout:  # fmt: skip
+        """The records so far; see :class:`Rollout`. ``curve``: whose rates count."""
+        robot, drives = self._world.robot, self._world.drives
+        columns = [np.array(column) for column in zip(*self.rows, strict=True)]
+        times, states, velocity, torque, targets, attached, force, stem = columns
+        q, wanted = drives.joints(states[:, : robot.n_segments]), drives.joints(targets)
+        shown = self._world.shown
+        points, axes = robot.tool_pose(q)
+        goals, _ = robot.tool_pose(wanted)
+        span = robot.upper - robot.lower
+        inside = np.minimum(q - robot.lower, robot.upper - q)
+        bounded = np.isfinite(span)
+        position = float(np.max(1.0 - 2.0 * inside[:, bounded] / span[bounded], initial=0.0))
+        torque_use = float(np.max(self._control.most_asked / drives.torque, initial=0.0))
+        return Rollout(
+            times=frozen(times), q=frozen(q),
+            velocity=frozen(drives.joints(velocity, rates=True)),
+            torque=frozen(torque[:, drives.first]),
+            reference=frozen(wanted), tool_point=frozen(points), tool_axis=frozen(axes),
+            fruit_ids=tuple(f.id for f in shown),
+            fruit_positions=frozen(
+                np.stack([states[:, f.position : f.position + 3] for f in shown], axis=1)
+                if shown else np.zeros((len(times), 0, 3))
+            ),
+            attached=frozen(attached.reshape(len(times), len(shown)), np.bool_),
+            fruit_force=frozen(force), stem_force=frozen(stem), states=frozen(states),
+            contacts=frozen(np.concatenate(self._contacts)),
+            motion=motion, warnings=warnings,
+            limit_use={"position": position, **used(robot, curve), "torque": torque_use},
+            tension={f.id: stems.tension[f.built.key] for f in shown if f.weld >= 0},
+            torn_at={f.id: stems.torn[f.built.key] for f in shown if f.built.key in stems.torn},
+            tracking_error=float(np.linalg.norm(points - goals, axis=1).max()),
+            joint_error=float(np.max(self._control.worst_error, initial=0.0)), cut=cut,
+        )  # fmt: skip
+
+
+class Execution:
+    """One run in ``world`` from where ``motion`` begins, of ``record_rate`` records a second [Hz].
+
+    ``data`` may be changed before the run.
+    """
+
+    def __init__(self, world: World, motion: Trajectory, record_rate: float) -> None:
+        p, crop = world.parameters, world.scene.crop
+        self.world, self.motion, self.data = world, motion, world.data(motion.positions[0])
+        self.happens = Happenings(world, self.data)
+        self.control = JointControl(world, self.data)
+        caught = p.thresholds.stem_force
         harm = None if crop is None else HarmLog(world, caught, crop)
-        self.log = harm or ContactLog(world, caught)
+        log = harm or ContactLog(world, caught)
         if harm is None and caught != STEM_FORCE:
-            self.log.before = ContactLog(world, STEM_FORCE)
+            log.before = ContactLog(world, STEM_FORCE)
         self.stems = StemWatch(world, harm)
-        self.step = p.engine.timestep
+        self.records = Recorder(world, self.data, log, self.control)
+        self.step, self.steps = p.engine.timestep, 0
         self.every = max(round(1.0 / (record_rate * self.step)), 1)
         self.tick = max(round(1.0 / (p.control.rate * self.step)), 1)
-        self.late = round(p.disturbance.command_delay / self.step)
-        self.waiting: deque[tuple[FloatArray, ...]] = deque()
-        self.gains = (p.control.frequency**2, 2.0 * p.control.damping_ratio * p.control.frequency)
-        n = world.robot.n_segments
-        # views of MuJoCo's data that every step reads or writes; from ``q`` on, the robot's alone
-        data = self.data
-        self.warned, self.positions, self.velocities = data.warning.number, data.qpos, data.qvel
-        self.q, self.velocity = data.qpos[:n], data.qvel[:n]
-        self.bias, self.applied = data.qfrc_bias[:n], data.qfrc_applied[:n]
-        self.wanted, self.inertial = np.zeros((2, self.model.nv))
-        self.torque, self.most_asked, self.worst_error = np.zeros((3, n))
-        self.records: list[tuple[Any, ...]] = []
-        self.contacts: list[FloatArray] = []
-        self.steps = 0
+        self._mujoco = engine()
+        self._watched = self.data.warning.number, self.data.qpos, self.data.qvel  # views
         self.cut: StemCut | None = None
         self.warnings: tuple[str, ...] = ()
-        shown, entities = world.shown, world.entities
-        self.fruit_entities = np.array([f.entity for f in shown], dtype=np.int64)
-        self.stem_entities = np.array([f.stem_entity for f in shown], dtype=np.int64)
-        self.guarded = p.robot.guard_until > 0.0
-        self.breaks = p.disturbance.breaks
-        self.moving = np.array([e.kind not in ("static", "avoid") for e in entities])
-        self.robot_entities = [i for i, e in enumerate(entities) if e.kind in ("link", "tool")]
 
-    def run(self, motion: Trajectory | None = None) -> tuple[Rollout, ContactLog]:
+    def run(self, motion: Trajectory | None = None) -> Rollout:
         """Execute the motion, and stand still at its end for ``control.hold``.
 
         A NaN or a warning of MuJoCo ends the run.
@@ -145,13 +293,19 @@ class Execution:
         still = (at < 0) | (at > moving)
         rate[still], acceleration[still] = 0.0, 0.0
         self.begin(q[0])
-        with quiet(self.mujoco):
+        with quiet():
             for k in range(total):
                 if k == before + moving:
                     self.close()
-                if not self.advance(q[k], rate[k], acceleration[k], q[k + 1]):
+                if not self.advance(Reference(q[k], rate[k], acceleration[k], q[k + 1])):
                     break
-        return self.rollout((began + before + moving) * self.step), self.log
+        return self.rollout((began + before + moving) * self.step)
+
+    def hold(self, asked: Reference) -> bool:
+        """One period of the controller with one reference; False after a NaN or a warning."""
+        self.begin(self.control.q.copy())
+        with quiet():
+            return all(self.advance(asked) for _ in range(self.tick))
 
     def close(self) -> None:
         """Close the blades of a scissor, once; other tools stay open."""
@@ -160,150 +314,55 @@ class Execution:
 
     def begin(self, q: FloatArray) -> None:
         """Record the state at the beginning, once; ``q`` (S,) is the reference of the segments."""
-        if not self.records:
-            self.record(q)
+        if not self.records.rows:
+            self.records.add(q)
 
-    def advance(
-        self, q: FloatArray, rate: FloatArray, acceleration: FloatArray, after: FloatArray
-    ) -> bool:
-        """One step of the engine; False after a NaN or a warning.
-
-        The reference of the controller is ``q``, ``rate`` and ``acceleration`` (S,) of the
-        segments; ``after`` (S,) is the reference position at the end of the step.
-        """
-        if self.late:
-            q, rate, acceleration, after = self._delayed(q, rate, acceleration, after)
-        if self.carriages is not None:
-            self.carriages.drive(self.data, self.steps)
-        for body, motion in self.movers:
-            now = self.steps * self.step - self.world.parameters.engine.settle
-            at = motion.at(np.array([0.0, now]))
-            self.data.mocap_pos[body] = at[1] - at[0]
-        self.mujoco.mj_step1(self.model, self.data)
+    def advance(self, asked: Reference) -> bool:
+        """One step of the engine; False after a NaN or a warning."""
+        asked, model, data = self.control.due(asked), self.world.model, self.data
+        self.happens.before(self.steps)
+        self._mujoco.mj_step1(model, data)
         if self.steps % self.tick == 0:
-            self._control(q, rate, acceleration)
-            if self.breaks > 0.0:
-                self._break_stem()
-        self.mujoco.mj_step2(self.model, self.data)
-        if not is_sound(self.warned, self.positions, self.velocities):
+            self.control.drive(asked)
+            if (fruit := self.happens.broken(self.control.q)) is not None:
+                self.stems.cut(data, fruit)
+        self._mujoco.mj_step2(model, data)
+        if not is_sound(*self._watched):
             self.warnings = self._warnings()
             return False
-        np.maximum(self.worst_error, np.abs(after - self.q), out=self.worst_error)
-        self.log.add(self.data)
-        self.stems.tear(self.data)
+        self.control.compare(asked.after)
+        self.records.log.add(data)
+        self.stems.tear(data)
         self.steps += 1
-        if self.guarded and self.steps * self.step >= self.world.parameters.robot.guard_until:
-            self.guarded, lid = False, self.model.geom(GUARD)
-            lid.contype[0], lid.rgba[3] = 0, 0.0
+        self.happens.after(self.steps)
         if self.steps % self.every == 0:
-            self.record(after)
+            self.records.add(asked.after)
         return True
-
-    def _delayed(self, *reference: FloatArray) -> tuple[FloatArray, ...]:
-        """The reference of ``late`` steps ago; at first the arm stands."""
-        self.waiting.append(reference)
-        if len(self.waiting) > self.late:
-            return self.waiting.popleft()
-        first = self.waiting[0][0]
-        return first, np.zeros_like(first), np.zeros_like(first), first
-
-    def _control(self, q: FloatArray, rate: FloatArray, acceleration: FloatArray) -> None:
-        n = len(q)
-        stiffness, damping = self.gains
-        self.wanted[:n] = acceleration + stiffness * (q - self.q) + damping * (rate - self.velocity)
-        self.mujoco.mj_mulM(self.model, self.data, self.inertial, self.wanted)
-        asked = self.inertial[:n] + self.bias
-        limit = self.world.drives.torque
-        self.torque = np.minimum(np.maximum(asked, -limit), limit)
-        np.maximum(self.most_asked, np.abs(asked), out=self.most_asked)
-        self.applied[:] = self.torque
-
-    def _break_stem(self) -> None:
-        """Cut the target's stem once the tool point is within ``breaks`` of the target."""
-        drives, robot = self.world.drives, self.world.robot
-        point = robot.tool_pose(drives.joints(self.q[None])[0])[0]
-        target = next((fruit for fruit in self.world.shown if fruit.role == "target"), None)
-        if target is None:
-            self.breaks = 0.0
-            return
-        place = self.data.qpos[target.position : target.position + 3]
-        if float(np.linalg.norm(place - point)) < self.breaks:
-            self.stems.cut(self.data, target)
-            self.breaks = 0.0
 
     def _warnings(self) -> tuple[str, ...]:
         data = self.data
         found = [
             f"{name.removeprefix('mjWARN_').lower()} at {data.time:.3f} s"
-            for name, kind in self.mujoco.mjtWarning.__members__.items()
+            for name, kind in self._mujoco.mjtWarning.__members__.items()
             if name != "mjNWARNING" and data.warning[int(kind)].number > 0
         ]
         if not found and not (np.isfinite(data.qpos).all() and np.isfinite(data.qvel).all()):
             found = [f"not a number at {data.time:.3f} s"]
         return tuple(found)
 
-    def record(self, q: FloatArray) -> None:
-        """Record the present state; ``q`` (S,) is the reference position of the segments."""
-        data = self.data
-        forces = self.log.take_recent()
-        on_stems = forces[self.stem_entities][:, self.robot_entities].max(axis=1)
-        self.records.append(
-            (
-                data.time, data.qpos.copy(), self.velocity.copy(), self.torque, q,
-                [f.weld >= 0 and bool(data.eq_active[f.weld]) for f in self.world.shown],
-                forces[self.fruit_entities].max(axis=1),
-                np.where(self.stem_entities >= 0, on_stems, 0.0),
-            )
-        )  # fmt: skip
-        _, pairs, points, pushes = pressing(data, self.world, self.moving)
-        record = np.full(len(pairs), len(self.records) - 1)
-        self.contacts.append(np.column_stack([record, pairs, points, pushes]))
-
     def rollout(self, motion: float) -> Rollout:
         """The records, of a motion that ended at ``motion`` [s]."""
-        robot, drives, stems = self.world.robot, self.world.drives, self.stems
-        columns = [np.array(column) for column in zip(*self.records, strict=True)]
-        times, states, velocity, torque, targets, attached, force, stem = columns
-        q, wanted = drives.joints(states[:, : robot.n_segments]), drives.joints(targets)
-        shown = self.world.shown
-        points, axes = robot.tool_pose(q)
-        goals, _ = robot.tool_pose(wanted)
-        span = robot.upper - robot.lower
-        inside = np.minimum(q - robot.lower, robot.upper - q)
-        bounded = np.isfinite(span)
-        position = float(np.max(1.0 - 2.0 * inside[:, bounded] / span[bounded], initial=0.0))
-        torque_use = float(np.max(self.most_asked / drives.torque, initial=0.0))
-        return Rollout(
-            times=frozen(times), q=frozen(q),
-            velocity=frozen(drives.joints(velocity, rates=True)),
-            torque=frozen(torque[:, drives.first]),
-            reference=frozen(wanted), tool_point=frozen(points), tool_axis=frozen(axes),
-            fruit_ids=tuple(f.id for f in shown),
-            fruit_positions=frozen(
-                np.stack([states[:, f.position : f.position + 3] for f in shown], axis=1)
-                if shown else np.zeros((len(times), 0, 3))
-            ),
-            attached=frozen(attached.reshape(len(times), len(shown)), np.bool_),
-            fruit_force=frozen(force), stem_force=frozen(stem), states=frozen(states),
-            contacts=frozen(np.concatenate(self.contacts)),
-            motion=motion, warnings=self.warnings,
-            limit_use={"position": position, **used(robot, self.motion), "torque": torque_use},
-            tension={f.id: stems.tension[f.built.key] for f in shown if f.weld >= 0},
-            torn_at={f.id: stems.torn[f.built.key] for f in shown if f.built.key in stems.torn},
-            tracking_error=float(np.linalg.norm(points - goals, axis=1).max()),
-            joint_error=float(np.max(self.worst_error, initial=0.0)),
-            cut=self.cut,
-        )  # fmt: skip
+        return self.records.rollout(motion, self.motion, self.stems, self.cut, self.warnings)
 
 
 @contextmanager
-def quiet(mujoco: Any) -> Iterator[None]:
+def quiet() -> Iterator[None]:
     """Keep MuJoCo from writing its warnings to a file; they are read from the data instead."""
-    mujoco.set_mju_user_warning(lambda _: None)
+    engine().set_mju_user_warning(lambda _: None)
     try:
         yield
     finally:
-        mujoco.set_mju_user_warning(None)
+        engine().set_mju_user_warning(None)
 
 
 _SIGN = -1.0  # of a pull up the stem in the rows of MuJoCo's weld

@@ -1,14 +1,16 @@
 """How well do the eyes see? Random scenes rendered, seen, and compared with the truth.
 
-Run from the repository: ``python scripts/eyes_study.py --seeds 70000:70030``. The
-script prints figures, a preset, a mount and a finder a line, as JSON, and a table of them. Every
-finder sees the same pictures. ``--finder network,shapes.onnx`` compares weights.
+    optipromp bench study scripts/studies/eyes.toml --out eyes
+
+The table has a line for each preset, mount, looks and finder. Every finder sees the same pictures.
+A finder is geometry, network, a network's FILE.onnx, or MODULE:NAME. The preset ``garden`` is of
+the second renderer (``scripts/garden.py``).
 """
 
-import argparse
 import itertools
 import json
 import math
+import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -67,10 +69,15 @@ class SeenPicture:
     wrong: tuple[Detection, ...]
     seconds: float
 
-    @property
-    def false(self) -> int:
-        """Number of detections that match no fruit."""
-        return len(self.wrong)
+    def plain(self) -> dict[str, Any]:
+        """As :func:`figures` takes it: of each fruit the numbers that NUMBERS names."""
+        fruits = [
+            (f.visible, f.found, f.error, f.normalised, f.kind_right, f.item.role == "target",
+             f.stem_visible, f.angle, f.tilts)
+            for f in self.fruits
+        ]  # fmt: skip
+        rows = [[float(number) for number in each] for each in fruits]
+        return {"fruits": rows, "false": len(self.wrong), "seconds": self.seconds}
 
 
 def compared(shot: Photograph, finder: Finder | None = None) -> SeenPicture:
@@ -116,13 +123,10 @@ REACH = 0.05  # [m] along a stem, to which its true direction is taken: a choice
 
 def in_garden(seed: int, finder: Finder | None = None) -> SeenPicture:
     """What is seen in a picture of the second renderer against its truth; see garden.py."""
+    sys.path.insert(0, str(Path(__file__).parents[1]))
     from garden import drawn
 
-    return seen_in(drawn(seed, native=True), finder)
-
-
-def seen_in(held: Mapping[str, np.ndarray], finder: Finder | None = None) -> SeenPicture:
-    """What is seen in the arrays of such a picture."""
+    held = drawn(seed, native=True)
     truth = json.loads(str(held["truth"]))
     height, width = held["depth"].shape
     focal = truth["focal"]
@@ -150,40 +154,43 @@ def seen_in(held: Mapping[str, np.ndarray], finder: Finder | None = None) -> See
     return SeenPicture(tuple(fruits), tuple(free), seconds)
 
 
-def figures(pictures: Sequence[SeenPicture]) -> dict[str, float]:
-    """Counts, rates and errors of pictures; nan where nothing tells one."""
-    fruits = [fruit for picture in pictures for fruit in picture.fruits]
-    visible = [fruit for fruit in fruits if fruit.visible]
-    found = [fruit for fruit in fruits if fruit.found]
-    false = sum(picture.false for picture in pictures)
-    errors = np.array([fruit.error for fruit in found]) * 1e3
-    stems = [f for f in found if f.stem_visible]
-    seen = [f for f in stems if not math.isnan(f.angle)]
-    angles = np.array([fruit.angle for fruit in seen])
-    squares = np.array([fruit.normalised for fruit in found])
+NUMBERS = (
+    "visible", "found", "error", "normalised", "right", "ripe", "stem", "angle", "tilts",
+)  # fmt: skip
+
+
+def figures(seen: Sequence[SeenPicture | Mapping[str, Any]]) -> dict[str, float]:
+    """Counts, rates and errors of pictures, plain or not; nan where nothing tells one."""
+    pictures = [each.plain() if isinstance(each, SeenPicture) else each for each in seen]
+    rows = [fruit for picture in pictures for fruit in picture["fruits"]]
+    f = dict(zip(NUMBERS, np.array(rows).reshape(-1, len(NUMBERS)).T, strict=True))
+    visible, found = f["visible"] > 0.0, f["found"] > 0.0
+    stems, false = found & (f["stem"] > 0.0), sum(picture["false"] for picture in pictures)
+    told, errors = stems & ~np.isnan(f["angle"]), 1e3 * f["error"][found]
+    tilts = _mean(f["tilts"][told] ** 2)
     return {
         "pictures": len(pictures),
-        "visible": len(visible),
-        "recall": _mean([fruit.found for fruit in visible]),
+        "visible": int(visible.sum()),
+        "recall": _mean(f["found"][visible]),
         "false": false,
-        "false_share": false / max(false + len(found), 1),
-        "kind_right": _mean([fruit.kind_right for fruit in found]),
-        "ripe_right": _mean([f.kind_right for f in found if f.item.role == "target"]),
-        "found": len(found),
+        "false_share": false / max(false + int(found.sum()), 1),
+        "kind_right": _mean(f["right"][found]),
+        "ripe_right": _mean(f["right"][found & (f["ripe"] > 0.0)]),
+        "found": int(found.sum()),
         "center_median_mm": _quantile(errors, 0.5),
         "center_90_mm": _quantile(errors, 0.9),
-        "normalised_mean": _mean(squares),
-        "normalised_beyond_99": _mean(squares > SURE),
-        "stems_visible": len(stems),
-        "stems_found": len(seen),
-        "angle_mean_deg": _mean(angles),
-        "angle_90_deg": _quantile(angles, 0.9),
-        "angle_over_deviation": math.sqrt(_mean([f.tilts**2 for f in seen])) if seen else math.nan,
-        "ms": 1e3 * float(np.median([picture.seconds for picture in pictures] or [math.nan])),
+        "normalised_mean": _mean(f["normalised"][found]),
+        "normalised_beyond_99": _mean(f["normalised"][found] > SURE),
+        "stems_visible": int(stems.sum()),
+        "stems_found": int(told.sum()),
+        "angle_mean_deg": _mean(f["angle"][told]),
+        "angle_90_deg": _quantile(f["angle"][told], 0.9),
+        "angle_over_deviation": math.sqrt(tilts) if tilts == tilts else math.nan,
+        "ms": 1e3 * float(np.median([picture["seconds"] for picture in pictures] or [math.nan])),
     }
 
 
-def _mean(values: Sequence[float] | Sequence[bool] | FloatArray | np.ndarray) -> float:
+def _mean(values: np.ndarray) -> float:
     return float(np.mean(values)) if len(values) else math.nan
 
 
@@ -191,41 +198,50 @@ def _quantile(values: FloatArray, share: float) -> float:
     return float(np.quantile(values, share)) if len(values) else math.nan
 
 
-def main() -> None:
-    """Print the figures of each preset, mount and finder."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--presets", default="cluster,mixed,field,wild")
-    parser.add_argument("--seeds", default="70000:70030", metavar="A:B")
-    parser.add_argument("--mount", default="beside", help="one or more of beside,palm,hand")
-    parser.add_argument("--looks", default="plain", help="one or more of plain,rich")
-    parser.add_argument(
-        "--finder", default="geometry", metavar="A,B",
-        help="one or more of geometry, network, a network's FILE.onnx, MODULE:NAME",
-    )  # fmt: skip
-    given = parser.parse_args()
-    first, end = map(int, given.seeds.split(":"))
-    finders = {
-        name: finder_named("network", Path(name)) if name.endswith(".onnx") else finder_named(name)
-        for name in given.finder.split(",")
-    }
-    rows: list[dict[str, Any]] = []
-    for preset, mount, looks in itertools.product(
-        given.presets.split(","), given.mount.split(","), given.looks.split(",")
-    ):
-        seen = {name: [] for name in finders}
-        for seed in range(first, end):
-            if preset != "garden":
-                shot = photograph(generate(preset, seed), mount, seed, looks=looks)
-            for name, finder in finders.items():
-                seen[name].append(
-                    in_garden(seed, finder) if preset == "garden" else compared(shot, finder)
-                )
-        for name, pictures in seen.items():
-            told = {key: round(value, 3) for key, value in figures(pictures).items()}
-            row = {"preset": preset, "mount": mount, "looks": looks, "finder": name, **told}
-            print(json.dumps(row), flush=True)
-            rows.append(row)
-    print(tabled(f"Pictures with {given.looks} looks", COLUMNS, map(cells, rows)))
+@dataclass(frozen=True)
+class Sees:
+    """A study of finders in pictures."""
+
+    presets: tuple[str, ...] = ("cluster", "mixed", "field", "wild")
+    seeds: tuple[int, int] = (70_000, 70_030)
+    mounts: tuple[str, ...] = ("beside",)  # of beside, palm, hand
+    looks: tuple[str, ...] = ("plain",)  # of plain, rich
+    finders: tuple[str, ...] = ("geometry",)
+
+    def asks(self) -> list[dict[str, Any]]:
+        """See :class:`optipromp_bench.experiments.kinds.Kind`."""
+        names = "preset", "mount", "looks", "seed"
+        all_ = itertools.product(self.presets, self.mounts, self.looks, range(*self.seeds))
+        own = {"finders": list(self.finders)}
+        return [dict(zip(names, each, strict=True)) | own for each in all_]
+
+    def trial(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """What each finder sees in a picture."""
+        seed, out, shot = ask["seed"], {}, None
+        if ask["preset"] != "garden":
+            scene = generate(ask["preset"], seed)
+            shot = photograph(scene, ask["mount"], seed, looks=ask["looks"])
+        for name in ask["finders"]:
+            known = name.endswith(".onnx")
+            finder = finder_named("network", Path(name)) if known else finder_named(name)
+            seen = in_garden(seed, finder) if shot is None else compared(shot, finder)
+            out[name] = seen.plain()
+        return {"seen": out}
+
+    @staticmethod
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+        """A table for each study, a line for each kind of picture and finder."""
+        out = []
+        for rows in parts.values():
+            groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+            for row in rows:
+                for finder, seen in row["seen"].items():
+                    key = row["preset"], row["mount"], row["looks"], finder
+                    groups.setdefault(key, []).append(seen)
+            looks = ",".join(dict.fromkeys(row["looks"] for row in rows))
+            lines = [cells(*key, figures(seen)) for key, seen in groups.items()]
+            out.append(tabled(f"Pictures with {looks} looks", COLUMNS, lines))
+        return "\n".join(out)
 
 
 COLUMNS = (
@@ -235,12 +251,14 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def cells(f: Mapping[str, Any]) -> list[str]:
+def cells(
+    preset: str, mount: str, looks: str, finder: str, f: Mapping[str, float]
+) -> list[str]:  # fmt: skip
     """The figures of a preset, a mount and a finder as cells of the table."""
-    looks = "" if f["looks"] == "plain" else f", {f['looks']}"
+    drawn = "" if looks == "plain" else f", {looks}"
     told = [
-        f"`{f['preset']}`, {f['mount']}{looks}", f["finder"], f"{f['pictures']}",
-        f"{f['visible']}", share(round(f["recall"] * f["visible"]), f["visible"], 1),
+        f"`{preset}`, {mount}{drawn}", finder, f"{f['pictures']}",
+        f"{f['visible']}", share(round(f["recall"] * f["visible"]), int(f["visible"]), 1),
         f"{f['false']} ({100 * f['false_share']:.1f})",
         f"{f['center_median_mm']:.1f}, {f['center_90_mm']:.1f}",
         f"{f['normalised_mean']:.1f} ({100 * f['normalised_beyond_99']:.1f})",
@@ -249,7 +267,3 @@ def cells(f: Mapping[str, Any]) -> list[str]:
         f"{f['ms']:.0f}",
     ]  # fmt: skip
     return [cell.replace("nan", "–") for cell in told]  # nothing tells it
-
-
-if __name__ == "__main__":
-    main()

@@ -1,0 +1,228 @@
+"""What the guard gives: entries and a random policy, on the same scenes without it and with it.
+
+    optipromp bench study scripts/studies/guard.toml --out guard
+    python -m scripts.studies.guard clone cluster 900001 guarded.gif 0.25
+
+The table has clean and harmed without the guard and with it, with Wilson's intervals (95 %), the
+share of periods in which the guard acted, and its time a step. A run behind the guard ends where
+the arm has stood still for 4 s. Motions of entries that plan are followed by joint velocities, in
+both cases. The second command draws a scene four times faster: alone, and at the right guarded.
+"""
+
+import itertools
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Any
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import OptiPrompError
+from optipromp.core.trajectory import Trajectory
+from optipromp_bench.entries import ENTRIES
+from optipromp_bench.episode import LONGEST, Driven, Episode, FlightWorld, Observation
+from optipromp_bench.experiments.statistics import share, tabled
+from optipromp_bench.running import STEADY
+from optipromp_loop.guard import Guard
+from optipromp_sim.generate import generate
+from optipromp_sim.simulation import Outcome, Run, Simulation
+from optipromp_sim.simulation.rollouts import rollout
+from optipromp_sim.situations import CONDITIONS
+
+LONG = 60.0  # [s] of a random policy
+GAIN = 2.0  # [1/s] of the joints' error of position
+LATE = 0.02  # [rad] of a joint
+STILL, REST = 4.0, 1e-3  # [s], [rad/s]: behind the guard an arm that stands so long goes on no more
+SLOWED = 0.5  # [s] twice, before the end of a run: in the first the wishes go to 0
+RESULTS = "clean", "harmed"
+SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
+VIEW = 480, 540  # [pixel] of each half of a film
+Policy = Callable[[Observation], FloatArray]
+
+
+@dataclass(frozen=True)
+class Guards:
+    """A study of entries alone and guarded; ``random`` is a policy that wanders for 60 s."""
+
+    entries: tuple[str, ...] = ("random",)
+    presets: tuple[str, ...] = ("cluster", "field")
+    seeds: tuple[int, int] = (940_000, 940_005)
+    engines: tuple[str, ...] = ("arm",)
+    conditions: tuple[str, ...] = ("none",)
+
+    def asks(self) -> list[dict[str, Any]]:
+        """See :class:`optipromp_bench.experiments.kinds.Kind`."""
+        names = "entry", "engine", "condition", "guarded", "seed", "preset"
+        all_ = itertools.product(
+            self.entries, self.engines, self.conditions, (False, True), range(*self.seeds),
+            self.presets,
+        )  # fmt: skip
+        asks = [dict(zip(names, each, strict=True)) for each in all_]
+        return [ask for ask in asks if ask["engine"] == "arm" or ask["condition"] in STEADY]
+
+    def trial(self, ask: Mapping[str, Any]) -> dict[str, Any]:
+        """What became of one run; ``spent`` are the guard's times [ms] at the shares SHARES."""
+        try:
+            return driven(ask)[0]
+        except OptiPrompError as error:
+            return {"result": "error", "causes": str(error)}
+
+    @staticmethod
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+        """A table for each study."""
+        return "\n".join(table(rows) for rows in parts.values())
+
+
+def following(curve: Trajectory, period: float) -> Policy:
+    """The velocities along a motion."""
+    phase = 0.0
+
+    def act(seen: Observation) -> FloatArray:
+        nonlocal phase
+        (q,), (velocity,), _ = curve.sample(min(phase + period, curve.duration))
+        late = np.abs(q - seen.q) - period * np.abs(velocity)
+        if late.max() < LATE:  # an arm that is held up is waited for
+            phase += period
+        return np.asarray(velocity + GAIN * (q - seen.q - period * seen.velocity))
+
+    return act
+
+
+def at_random(episode: Episode, seed: int) -> Policy:
+    """Velocities of the joints that last for a while."""
+    rng, robot = np.random.default_rng(seed), episode.robot
+    wish, until = np.zeros(robot.n_joints), 0.0
+
+    def act(seen: Observation) -> FloatArray:
+        nonlocal wish, until
+        if seen.time >= until:
+            until = seen.time + rng.uniform(0.1, 1.0)
+            wish = rng.uniform(-0.5, 0.5, robot.n_joints) * robot.velocity
+        return wish
+
+    return act
+
+
+def policy_of(name: str, episode: Episode, seed: int) -> Policy | None:
+    """An entry's actions in an episode; None: it gives no motion."""
+    if name == "random":
+        return at_random(episode, seed)
+    entry = resolve_name(ENTRIES[name].spec if name in ENTRIES else name)()
+    if hasattr(entry, "act"):
+        entry.reset(episode.scene, seed)
+        return entry.act
+    try:
+        made = entry.plan(episode.scene, seed)
+    except OptiPrompError:
+        return None
+    motion = getattr(made, "trajectory", getattr(made, "reach", made))
+    return following(motion, episode.period) if isinstance(motion, Trajectory) else None
+
+
+def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
+    """What became of one run; and the run, for a film."""
+    seed, wanders = ask["seed"], ask["entry"] == "random"
+    situation = CONDITIONS[ask["condition"]](generate(ask["preset"], seed), seed)
+    arena = FlightWorld(situation.scene, seed) if ask["engine"] == "flight" else None
+    most = LONG if wanders else LONGEST
+    episode = Episode(situation, seed, arena=arena, longest=most)
+    policy = policy_of(ask["entry"], episode, seed)
+    if policy is None:
+        return {"result": "refused", "causes": ""}, None
+    moved, patience = 0.0, STILL if ask["guarded"] and not wanders else most
+
+    def act(seen: Observation) -> FloatArray | None:
+        nonlocal moved
+        if seen.time >= min(most, moved + patience):
+            return None
+        moved = seen.time if np.abs(seen.velocity).max() > REST else moved
+        left = most - seen.time  # a run of its longest time ends at rest
+        return policy(seen) * min(max(left - SLOWED, 0.0) / SLOWED, 1.0)
+
+    agent = Driven(act, guard=Guard(episode.scene, episode.robot) if ask["guarded"] else None)
+    rollout(agent, episode)
+    simulation, seconds = episode.simulation, round(episode.time, 2)
+    end = simulation.time
+    outcome = episode.outcome(out=False)
+    own = isinstance(outcome, Outcome)
+    causes = (
+        outcome.causes if own else (*outcome.harm, *(f"swallowed {n}" for n in outcome.swallowed))
+    )
+    row = {
+        "result": outcome.result, "causes": " ".join(map(str, causes)), "seconds": seconds,
+        "steps": len(agent.safe), "acted": sum(safe.acted for safe in agent.safe),
+        "spent": (1e3 * np.quantile(agent.spent or [0.0], SHARES)).round(2).tolist(),
+    }  # fmt: skip
+    if not (isinstance(simulation, Simulation) and own):
+        return row, None
+    shown = situation.scene, episode.robot, simulation.parameters, seed
+    return row, Run(*shown, simulation.rollout(end), outcome, 0.0)
+
+
+def table(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line for each entry, preset, engine and condition: alone beside guarded; and one of all."""
+    groups: dict[tuple[str, ...], dict[bool, list[Mapping[str, Any]]]] = {}
+    for row in rows:
+        noise = "" if row["condition"] == "none" else row["condition"]
+        where = ", ".join(filter(None, (row["engine"], noise)))
+        keys = [("", noise, f"`{row['entry']}`", f"`{row['preset']}`", where)]
+        if row["entry"] != "random":
+            keys.append(("all", noise, "all", "", noise))
+        for key in keys:
+            groups.setdefault(key, {False: [], True: []})[row["guarded"]].append(row)
+    heads = [f"{who}: {end} % (95 %)" for who in ("alone", "guarded") for end in RESULTS]
+    columns = ["entry", "preset", "engine", "n", *heads, "acted", "a step: median, 95 %"]
+    lines = []
+    for key in sorted(groups):
+        cells = [*key[2:], str(len(groups[key][True]))]
+        for own in (groups[key][False], groups[key][True]):
+            cells += [share(sum(row["result"] == end for row in own), len(own)) for end in RESULTS]
+        lines.append([*cells, *steps_of([row for row in groups[key][True] if row.get("steps")])])
+    wander = {row["entry"] for row in rows} == {"random"}
+    conditions = ",".join(dict.fromkeys(row["condition"] for row in rows))
+    return tabled("Random motions" if wander else f"Condition `{conditions}`", columns, lines)
+
+
+def steps_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
+    """In how many periods the guard acted, and its time a step."""
+    if not rows:
+        return "–", "–"
+    steps = np.array([row["steps"] for row in rows])
+    times = np.array([row["spent"] for row in rows])  # quantiles of each run [ms]
+    weights = np.repeat(steps, times.shape[1])
+    half, late = np.quantile(times.ravel(), [0.5, 0.95], weights=weights, method="inverted_cdf")
+    acted = sum(row["acted"] for row in rows) / steps.sum()
+    return f"{100 * acted:.0f} %", f"{half:.1f} ms, {late:.1f} ms"
+
+
+def film(path: Path, entry: str, preset: str, seed: int, slow: float) -> None:
+    """Draw a scene twice as a GIF: the policy alone at the left, behind the guard at the right."""
+    from optipromp_sim.simulation import film as films
+
+    fps, runs = 10, list[Run]()
+    ask = {"entry": entry, "preset": preset, "seed": seed, "engine": "arm", "condition": "none"}
+    for guards in (False, True):
+        row, run = driven({**ask, "guarded": guards})
+        if run is None:
+            raise SystemExit(f"{entry} does not move in {preset} {seed}")
+        runs.append(run)
+        print("behind the guard" if guards else "alone", row["result"], row["causes"], flush=True)
+    times = max((films.moments(run, fps, slow) for run in runs), key=len)
+    drawn = (films.frames(run, times, films.View(*VIEW), caption=True) for run in runs)
+    path.write_bytes(films.gif([np.hstack(pair) for pair in zip(*drawn, strict=True)], fps))
+
+
+def main() -> None:
+    """Draw a film."""
+    match sys.argv[1:]:
+        case [entry, preset, seed, path, slow]:
+            film(Path(path), entry, preset, int(seed), float(slow))
+        case _:
+            sys.exit(str(__doc__))
+
+
+if __name__ == "__main__":
+    main()
