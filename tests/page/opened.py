@@ -33,7 +33,7 @@ class Opened:
     @property
     def panel(self) -> Any:
         """The controls."""
-        return self.page.panels[self.window.client.client_id]
+        return self.window.panel
 
     def press(self, label: str) -> None:
         """Press a button, and wait until all it causes is done."""
@@ -62,7 +62,7 @@ class Opened:
 
     def do(self, job: Callable[[], None]) -> None:
         """Have a job done in the window's thread."""
-        self.window.post(f"test {time.monotonic()}", job)
+        self.window.worker.post(f"test {time.monotonic()}", job)
         self.settle()
 
     def listed(self, label: str, words: str, *, red: bool | None = None) -> None:
