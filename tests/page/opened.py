@@ -7,8 +7,6 @@ from queue import Queue
 from typing import Any
 
 PATIENCE = 180.0  # [s] pictures are drawn by the processor here, beside all else
-
-
 SMALL, TALL = {"width": 400, "height": 300}, {"width": 390, "height": 844}  # [pixel] of a tab
 
 
