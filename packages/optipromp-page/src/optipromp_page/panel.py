@@ -312,7 +312,7 @@ class MoveTab:
 
 
 def plain_name(text: str) -> str:
-    """The name of a file within the page's folder."""
+    """The name of a file within the page's folder. Raises InvalidRequestError: it is none."""
     name = text.strip()
     if not is_name(name) or name != file_name(name).strip("."):
         raise InvalidRequestError(f"the name {name!r} is not a plain file name")
@@ -459,7 +459,7 @@ class ReplayTab:
 
 class Page:
     """A running server. :meth:`stop` ends it and its threads. Each window opens with ``source`` and
-    saves into ``out``. ``port``: 0: any free one."""
+    saves into ``out``. ``port``: 0: any free one. Raises InvalidRequestError: it cannot listen."""
 
     def __init__(
         self, source: Source, *, host: str = "localhost", port: int = 0, out: Path = Path("out")
@@ -499,7 +499,7 @@ class Page:
 
 
 def usable(host: str, port: int) -> int:
-    """The port, or a free one for 0."""
+    """The port, or a free one for 0. Raises InvalidRequestError: nobody can listen there."""
     try:
         family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

@@ -429,7 +429,7 @@ class Replay:
 
 
 def load_replay(folder: Path) -> Replay:
-    """The replay of what ``optipromp simulate`` left in a folder."""
+    """The replay of what ``optipromp simulate`` left in a folder. Raises errors as a scene does."""
     outcome = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
     arrays: dict[str, Any] = dict(read_npz(folder / "rollout.npz"))
     with reading(folder, "not a rollout that this version wrote", passes=(InvalidSceneError,)):
@@ -468,7 +468,8 @@ class Source:
 
 def open_source(item: str, beside: str | None = None) -> Source:
     """The source in a scene file, a built-in scene, or a folder of a plan or a rollout; and a
-    second folder of a rollout, which is replayed ``beside`` the first."""
+    second folder of a rollout, which is replayed ``beside`` the first. Raises errors of OptI-ProMP
+    where it is none of these, or cannot be read."""
     folder = Path(item)
     replays = tuple(
         load_replay(Path(name))
