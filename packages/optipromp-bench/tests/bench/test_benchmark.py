@@ -176,7 +176,6 @@ def test_the_paired_test_is_that_of_scipy(pairs: list[tuple[bool, bool]]) -> Non
     ("arguments", "word"),
     [
         (["--entry", "nowhere:Nobody"], "cannot be made"),
-        (["--entry", "json:JSONDecoder"], "no method plan"),
         (["--entry", "opti-pormp"], "opti-promp"),
         (["--entry", "opti-promp", "--track", "plane"], "plan"),
         (["--entry", "opti-promp", "--condition", "storm"], "condition"),
