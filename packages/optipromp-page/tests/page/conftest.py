@@ -21,7 +21,7 @@ def opener(
     chromium: Any, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., Opened]]:
     """Opens pages of a source; they are closed after the module's tests."""
-    from optipromp_page.panel import Page
+    from optipromp_page.panel import Page, Panel
 
     pages: list[Any] = []
     tabs: list[Any] = []
@@ -35,14 +35,16 @@ def opener(
         if page is None:
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
             pages.append(page)
-        before, errors = set(page.windows.values()), []
+        before, errors = {*page.windows.values()}, []
         tab = chromium.new_page(**({"viewport": SMALL} | screen))
         tabs.append(tab)
         tab.add_init_script(UNDRAWN)
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(page.url)
         end = time.monotonic() + PATIENCE
-        while not (new := {w for w in page.windows.values() if w.panel is not None} - before):
+        while not (
+            new := {w for w in page.windows.values() if isinstance(w.panel, Panel)} - before
+        ):
             assert time.monotonic() < end, "the page does not connect"
             tab.wait_for_timeout(50)
         opened = Opened(page, tab, new.pop(), errors)
