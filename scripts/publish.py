@@ -249,15 +249,14 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     code, until = 0, time.monotonic() + 60.0 * asked.minutes
     for row in chosen(book, asked.keep) if asked.keep else ():
         keep(root, row, version)
-    digest = partial(digest_of, root, version)
-    stale = {
-        row["name"]: why_stale(row, kept(root, row["name"]), version, digest)
-        for row in book["result"]
-    }
+
+    def stale(row: Book) -> str:  # takes minutes where a digest is to be worked out
+        return why_stale(row, kept(root, row["name"]), version, partial(digest_of, root, version))
+
     if asked.run is not None:
         for end in (signal.SIGTERM, signal.SIGINT):  # of a job in the background, too
             signal.signal(end, signal.default_int_handler)
-        wanted = [row for row in chosen(book, asked.run) if asked.run or stale[row["name"]]]
+        wanted = [row for row in chosen(book, asked.run) if asked.run or stale(row)]
         try:
             for row in wanted:
                 why = run(root, row, version, until)
@@ -271,11 +270,12 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
             (root / path).parent.mkdir(parents=True, exist_ok=True)
             (root / path).write_text(text, encoding="utf-8")
     if asked.check:
-        found = differences(root, book) + [f"{name}: {why}" for name, why in stale.items() if why]
+        found = differences(root, book)
+        found += [f"{row['name']}: {why}" for row in book["result"] if (why := stale(row))]
         print("\n".join(found) or "the page and all results are of this version")
         code = int(bool(found))
     if asked.run is None and not (asked.keep or asked.page or asked.check):
-        print(status(book, stale))
+        print(status(book, {row["name"]: stale(row) for row in book["result"]}))
     return code
 
 
