@@ -101,6 +101,14 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
         terminalreporter.write_line(told)
 
 
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """With ``-n``, kernels that no cache has are compiled once, before the workers begin."""
+    if session.config.getoption("numprocesses", None):
+        from optipromp.cli.console import say_if_compiling
+
+        say_if_compiling()
+
+
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """With ``-n``, a file's tests run in one worker, which makes what they share once."""

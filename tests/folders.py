@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 FILES = ("trajectory.csv", "trajectory.npz", "waypoints.npz")
-
-
 Arrays = dict[str, Any]
 
 

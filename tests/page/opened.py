@@ -7,8 +7,6 @@ from queue import Queue
 from typing import Any
 
 PATIENCE = 180.0  # [s] pictures are drawn by the processor here, beside all else
-
-
 SMALL, TALL = {"width": 400, "height": 300}, {"width": 390, "height": 844}  # [pixel] of a tab
 
 
@@ -33,7 +31,7 @@ class Opened:
     @property
     def panel(self) -> Any:
         """The controls."""
-        return self.page.panels[self.window.client.client_id]
+        return self.window.panel
 
     def press(self, label: str) -> None:
         """Press a button, and wait until all it causes is done."""
@@ -62,7 +60,7 @@ class Opened:
 
     def do(self, job: Callable[[], None]) -> None:
         """Have a job done in the window's thread."""
-        self.window.post(f"test {time.monotonic()}", job)
+        self.window.worker.post(f"test {time.monotonic()}", job)
         self.settle()
 
     def listed(self, label: str, words: str, *, red: bool | None = None) -> None:

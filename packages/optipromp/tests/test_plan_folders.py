@@ -162,9 +162,8 @@ def test_a_place_that_is_no_file_is_refused_before_anything_is_written(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills a child of this process")
-@pytest.mark.parametrize("killer", [signal.SIGKILL, signal.SIGTERM])
 def test_a_folder_holds_one_plan_whenever_the_writer_is_killed(
-    killer: signal.Signals, good: Plan, harmful: Plan, tmp_path: Path
+    good: Plan, harmful: Plan, tmp_path: Path
 ) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     write_plan(good, tmp_path)
@@ -172,12 +171,11 @@ def test_a_folder_holds_one_plan_whenever_the_writer_is_killed(
     for _ in range(16):
         child = os.fork()
         if child == 0:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)
             while True:
                 write_plan(harmful, tmp_path, rate=50.0)
                 write_plan(good, tmp_path, rate=50.0)
         time.sleep(wait.uniform(0.0, 0.2))
-        os.kill(child, killer)
+        os.kill(child, signal.SIGKILL)
         os.waitpid(child, 0)
         found = load_plan(tmp_path)  # of one plan, or its digests differ
         seen.add(found.status)

@@ -29,9 +29,9 @@ from optipromp_bench.tracks import against
 @pytest.fixture(scope="module")
 def ours(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("ours")
-    scenes = SceneSet("a third word", ("field",), 2)
+    scenes = SceneSet("a third word", ("field",), 1)
     rows = run_bench(BenchRun.of(entry(Ours), "plan", scenes), folder, workers=1)
-    assert [row.engine for row in rows] == ["arm", "flight"] * 2
+    assert [row.engine for row in rows] == ["arm", "flight"]
     assert "clean" in {row.result for row in rows}
     return folder
 
@@ -85,15 +85,15 @@ def test_a_run_goes_on_where_it_ended(ours: Path, tmp_path: Path) -> None:
             place.write_bytes(file.read_bytes())
     path = tmp_path / "rows.csv"
     lines = path.read_bytes().splitlines(keepends=True)
-    path.write_bytes(b"".join(lines[:3]) + lines[3][:20])  # cut short within a row
+    path.write_bytes(b"".join(lines[:2]) + lines[2][:20])  # cut short within a row
     again = run_bench(run, tmp_path, workers=1)
     assert [row.judged() for row in again] == [row.judged() for row in rows]
     with pytest.raises(InvalidRequestError, match="choose another folder"):
         run_bench(BenchRun.of(entry(Hasty), "plan", run.scenes), tmp_path, workers=1)
-    larger = replace(run, scenes=replace(run.scenes, count=3))
+    larger = replace(run, scenes=replace(run.scenes, count=2))
     more = run_bench(larger, tmp_path, workers=1)
-    assert more[:4] == again  # times of thinking, too: these scenes were not run again
-    assert [row.engine for row in more[4:]] == ["arm", "flight"]
+    assert more[:2] == again  # times of thinking, too: these scenes were not run again
+    assert [row.engine for row in more[2:]] == ["arm", "flight"]
     assert submission(tmp_path / "submission.zip")[:2] == (larger, more)
     with pytest.raises(InvalidRequestError, match="choose another folder"):  # fewer scenes
         run_bench(run, tmp_path, workers=1)
@@ -147,7 +147,7 @@ def test_a_table_orders_entries(ours: Path, tmp_path: Path) -> None:
     run_bench(BenchRun.of(entry(Broken), "plan", run.scenes), tmp_path, workers=1)
     board = leaderboard([tmp_path, ours])
     assert board.order == (entry(Ours), entry(Broken))
-    assert board.of(entry(Broken), "arm").errors == 2
+    assert board.of(entry(Broken), "arm").errors == 1
     assert board.of(entry(Ours), "arm").p is None
     assert markdown(board).count(f"| `{entry(Ours)}` |") == 3
     told = CliRunner().invoke(app, ["bench", "table", str(ours), str(tmp_path), "--json"])
@@ -180,7 +180,6 @@ def test_the_paired_test_is_that_of_scipy(pairs: list[tuple[bool, bool]]) -> Non
     ("arguments", "word"),
     [
         (["--entry", "nowhere:Nobody"], "cannot be made"),
-        (["--entry", "json:JSONDecoder"], "no method plan"),
         (["--entry", "opti-pormp"], "opti-promp"),
         (["--entry", "opti-promp", "--track", "plane"], "plan"),
         (["--entry", "opti-promp", "--condition", "storm"], "condition"),

@@ -130,28 +130,31 @@ def played(env: PickEnv, behaviour: str) -> tuple[float, int, dict[str, Any]]:
             return total, count, info
 
 
-def test_returns_are_ordered_as_the_score_is() -> None:
+def test_returns_are_ordered_as_the_score_is(monkeypatch: pytest.MonkeyPatch) -> None:
     """Clean above idle above harmed; nothing that is paid on the way remains."""
     env, returns = PickEnv(), {}
-    for behaviour, worth in {"ours": 1, "still": 0, "up": -1, "through": -1}.items():
+    for behaviour, worth in {"ours": 1, "up": -1, "through": -1, "still": 0}.items():
+        if behaviour == "still":
+            monkeypatch.setattr("optipromp_bench.episode.LONGEST", 4.0)
         total, count, info = played(env, behaviour)
         assert score(info["outcome"]) == worth, info["cause"]
         assert total == pytest.approx(worth - TIME * 0.02 * count, abs=1e-9)
         returns[behaviour] = total
         if behaviour == "still":
-            assert (count, info["cause"]) == (1000, "not_picked")
+            assert (count, info["cause"]) == (200, "not_picked")
         if behaviour == "through":
             assert info["cause"] == "swallowed_other"
-            assert count < 1000
+            assert HELD < 0.02 * count < LONGEST - 1.0
             assert info["harm"] >= 1.0
+            assert env.episode.harm().swallowed == 1
+            assert len(env.episode.outcome().swallowed_others) == 1
     assert returns["ours"] > returns["still"] > max(returns["up"], returns["through"])
 
 
-@pytest.mark.parametrize("engine", ["arm", "flight"])
-def test_a_swallowed_neighbour_ends_an_episode_in_both_engines(engine: str) -> None:
+def test_a_swallowed_neighbour_ends_an_episode_of_the_flying_cup_too() -> None:
     setting = CONDITIONS["none"](generate("limp", 200_001), 200_001)
-    arena = FlightWorld(setting.scene, 0) if engine == "flight" else None
-    episode, acting = Episode(setting, 200_001, arena=arena), below_then_up()
+    arena, acting = FlightWorld(setting.scene, 0), below_then_up()
+    episode = Episode(setting, 200_001, arena=arena)
     while not (episode.done or episode.ended):
         velocity = acting(episode) @ episode.scene.frame
         episode.act(joints_for(episode.robot, episode.state.q, velocity, episode.scene.frame[2]))
@@ -160,7 +163,8 @@ def test_a_swallowed_neighbour_ends_an_episode_in_both_engines(engine: str) -> N
     assert harm.swallowed == 1
     assert harm.done
     outcome = episode.outcome()
-    assert len(outcome.swallowed if isinstance(outcome, Word) else outcome.swallowed_others) == 1
+    assert isinstance(outcome, Word)
+    assert len(outcome.swallowed) == 1
     assert score(outcome) == -1
 
 

@@ -33,6 +33,7 @@ def made() -> list[EpisodeData]:
 def test_episodes_are_clean_picks(made: list[EpisodeData]) -> None:
     for each in made:
         assert each.success
+        assert each.acted is None  # no guard
         assert each.terminated
         count = len(each.rewards)
         assert each.seen["arm"].shape[0] == each.seen["objects"].shape[0] == count + 1

@@ -1,7 +1,5 @@
 """Environments behind a guard, and the labels that it gives."""
 
-from dataclasses import replace
-
 import gymnasium
 import numpy as np
 import pytest
@@ -71,20 +69,16 @@ def test_only_an_environment_of_steps_has_a_guard() -> None:
 
 
 def test_an_expert_behind_a_guard_picks_and_says_where_the_guard_acted() -> None:
-    ask = EpisodeAsk("limp", 300_004, guarded=True)
-    made = driven_episode(ask)
+    made = driven_episode(EpisodeAsk("limp", 300_004, guarded=True))
     assert made is not None
     assert made.success
     assert made.acted is not None
     assert made.acted.shape == (len(made.actions),)
     assert made.acted.mean() < 0.2
-    alone = driven_episode(replace(ask, guarded=False))
-    assert alone is not None
-    assert alone.acted is None
 
 
 def test_a_policy_of_somebody_behind_a_guard_gives_labels(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("optipromp_bench.episode.LONGEST", 3.0)
+    monkeypatch.setattr("optipromp_bench.episode.LONGEST", 1.0)
     ask = EpisodeAsk("limp", 300_000, policy="tests.bench.entrants:Follower", guarded=True)
     made = driven_episode(ask)
     assert made is not None

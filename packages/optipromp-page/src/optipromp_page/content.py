@@ -202,6 +202,23 @@ def pushed(made: Plan | Picked) -> PushedPlaces:
     return PushedPlaces(times, tuple(shown_at(made, float(time)) for time in times))
 
 
+@dataclass(frozen=True, eq=False)
+class Around:
+    """What surrounds a plan: clearances at ``times`` (T,) [s], and the objects that it pushes."""
+
+    times: FloatArray
+    near: Clearances
+    pushed: PushedPlaces
+
+
+def around(made: Plan | Picked) -> Around:
+    """What surrounds a plan or a pick."""
+    plan, curve = legs_of(made)["reach"], curve_of(made)
+    times = np.linspace(0.0, curve.duration, CHART_ROWS)
+    near = clearances(plan.scene, plan.robot, curve.sample(times)[0])
+    return Around(times, near, pushed(made))
+
+
 def passing(plan: Plan) -> list[tuple[str, FloatArray, FloatArray]]:
     """Id and position (3,) of each pushable that the tool passes, and the tool point there (3,)."""
     tool = plan.robot.tool_pose(plan.trajectory.positions[plan.first :])[0]
@@ -224,8 +241,9 @@ class Chart:
     timed: bool = True
 
 
-def charts(made: Plan | Picked, near: Clearances, times: FloatArray) -> list[Chart]:
+def charts(made: Plan | Picked, around: Around) -> list[Chart]:
     """Joints, speeds, clearances over time, and costs over the iterations."""
+    near, times = around.near, around.times
     plan, (q, velocity, _) = legs_of(made)["reach"], curve_of(made).sample(times)
     names = plan.robot.joint_names
     speed = np.linalg.norm(np.gradient(plan.robot.tool_pose(q)[0], times, axis=0), axis=1)

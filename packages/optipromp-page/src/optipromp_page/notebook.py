@@ -44,7 +44,7 @@ class Plot:
 
 
 def show(thing: Any) -> View3D:
-    """The 3-D view of a plan, a scene or a robot."""
+    """The 3-D view of a plan, a scene or a robot. Raises InvalidRequestError: it is none."""
     from optipromp.looks.viewer.serving import plan_page, scene_page
 
     if isinstance(thing, Plan):
@@ -58,7 +58,7 @@ def show(thing: Any) -> View3D:
 
 
 def plot(thing: Any, *args: Any) -> Plot:
-    """The picture of a plan, a primitive, a trajectory or a robot's spheres."""
+    """The picture of a plan, primitive, trajectory or robot. Raises InvalidRequestError: none."""
     from optipromp.looks.viewer import figures, reach
 
     if isinstance(thing, Plan):

@@ -16,7 +16,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, is_name
 from optipromp.core.files import check_folder, file_name
-from optipromp.core.planning import planner_names
+from optipromp.core.planning import Picked, Plan, planner_names
 from optipromp.core.planning.legs import legs_of
 from optipromp.core.planning.task import posed
 from optipromp.core.promp import Basis, fit
@@ -25,7 +25,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.looks.viewer.serving import listening
 from optipromp_page import content, tabs
 from optipromp_page.stage import LAYERS, NARROW, PLANNED, SHEET, Source
-from optipromp_page.window import Window
+from optipromp_page.window import Listener, Window
 
 SPEEDS = {"1/8": 0.125, "1/4": 0.25, "1/2": 0.5, "1": 1.0, "2": 2.0}
 TIME_STEP = 0.02  # [s] of a single step
@@ -63,7 +63,7 @@ STYLE = f"""<style>
 CHART_EVERY = 0.1  # [s] between two moves of the charts' needles while the clock runs
 
 
-class Panel:
+class Panel(Listener):
     """Builds the controls of a window and keeps them in step with it."""
 
     def __init__(self, window: Window) -> None:
@@ -73,35 +73,25 @@ class Panel:
         self.buttons: list[Any] = []
         self.gui.add_html(STYLE)
         self.status = self.gui.add_html("")
-        window.say = lambda told: setattr(self.status, "content", told.html())
-        window.occupy = self._occupy
-        self._clock()
+        self.clock = Clock(self)
         self.legend = self.gui.add_html("")
         if window.source.seen is not None:
             with self.gui.add_folder("as the camera saw it"):
                 self.gui.add_image(window.source.seen, format="jpeg")
                 self.gui.add_html(tabs.legend(tabs.seen()))
-        self.tabs = self.gui.add_tab_group()
-        for label, build in (
-            ("Plan", self._planning),
-            ("Move", self._moving),
-            ("Show", self._layers),
-        ):
-            with self.tabs.add_tab(label):
-                build()
-        with self.tabs.add_tab("Plots"):
+        group = self.gui.add_tab_group()
+        with group.add_tab("Plan"):
+            self.planning = PlanTab(self)
+        with group.add_tab("Move"):
+            self.moving = MoveTab(self)
+        with group.add_tab("Show"):
+            self.layers = {name: self._layer(name) for name in LAYERS}
+        with group.add_tab("Plots"):
             self.plots = tabs.Plots(self.gui)
-        with self.tabs.add_tab("Record"):
+        with group.add_tab("Record"):
             self.recording = RecordTab(self)
-        with self.tabs.add_tab("Replay"):
+        with group.add_tab("Replay"):
             self.replaying = ReplayTab(self)
-        window.told, window.clocked, window.staged = self._refresh, self._mark, self._explain
-
-    def _occupy(self, on: bool) -> None:
-        for button in self.buttons:
-            button.disabled = on
-        if not on:
-            self.recording.enable()
 
     def button(self, label: str, act: Callable[[], None]) -> Any:
         """Add a button that posts ``act``; it cannot be pressed while something is under way."""
@@ -109,46 +99,90 @@ class Panel:
         self.on(self.buttons[-1], label, lambda _: act())
         return self.buttons[-1]
 
-    def _explain(self) -> None:
-        """Update the legend."""
-        window = self.window
-        entries = tabs.things(window.scene)
-        if window.replayed:
-            runs = [replay for replay, _ in window.replayed]
-            entries = tabs.things(runs[0].scene)
-            entries += tabs.replayed(looks=any(run.record is not None for run in runs))
-        elif window.made is not None and window.planned is window.scene:
-            entries += tabs.planned(window.made, list(filter(window.stage.visible, LAYERS)))
-        self.legend.content = tabs.legend(entries)
-        for name in PLANNED:
-            self.layers[name].disabled = bool(window.replayed)
-
     def on(self, control: Any, kind: str, act: Callable[[Any], None]) -> None:
         """Post ``act`` with the new value when the user changes a control."""
 
         async def changed(event: Any) -> None:
             if event.client is not None:
                 value = event.target.value
-                self.window.post(kind, lambda: self._safely(act, value))
+                self.window.worker.post(kind, lambda: self.safely(act, value))
 
         (getattr(control, "on_update", None) or control.on_click)(changed)
 
-    def _safely(self, act: Callable[[Any], None], value: Any) -> None:
+    def safely(self, act: Callable[[Any], None], value: Any) -> None:
+        """Act; the window shows what is refused."""
         try:
             act(value)
         except OptiPrompError as error:
             self.window.refuse(error)
 
-    # -- the clock ------------------------------------------------------------------------------
+    def _layer(self, name: str) -> Any:
+        box = self.gui.add_checkbox(name, self.window.stage.visible(name))
+        self.on(box, name, functools.partial(self.layer, name))
+        return box
 
-    def _clock(self) -> None:
+    def layer(self, name: str, shown: bool) -> None:
+        """Show or hide a layer of the plan."""
+        self.window.stage.layer(name, shown)
+        self.staged()
+        self.window.go(self.window.now)
+
+    # -- what the window tells ------------------------------------------------------------------
+
+    def say(self, told: tabs.Told) -> None:
+        """Show a message above the controls."""
+        self.status.content = told.html()
+
+    def occupy(self, on: bool) -> None:
+        """Disable the buttons while long work is under way."""
+        for button in self.buttons:
+            button.disabled = on
+        if not on:
+            self.recording.enable()
+
+    def staged(self) -> None:
+        """Update the legend."""
+        window, runs = self.window, [replay for replay, _ in self.window.runs.shown]
+        entries = tabs.things(runs[0].scene if runs else window.scene)
+        if runs:
+            entries += tabs.replayed(looks=any(run.record is not None for run in runs))
+        elif window.shown is not None and window.shown.scene is window.scene:
+            entries += tabs.planned(window.shown.made, list(filter(window.stage.visible, LAYERS)))
+        self.legend.content = tabs.legend(entries)
+        for name in PLANNED:
+            self.layers[name].disabled = bool(runs)
+
+    def told(self) -> None:
+        """Update table, charts, and the controls of the scene after a plan."""
+        shown = self.window.shown
+        assert shown is not None
+        assert shown.around is not None
+        self.gui.set_panel_label(f"OptI-ProMP: {shown.plan.scene.name}")
+        self.planning.follow(shown.made)
+        self.moving.offer()
+        self.plots.show(content.charts(shown.made, shown.around), self.window.now)
+
+    def clocked(self) -> None:
+        """Update slider, handle, charts and forces after a change of the time."""
         window = self.window
-        self.time = self.gui.add_slider("time [s]", 0.0, 1.0, TIME_STEP, 0.0)
-        self.on(self.time, "time", self._slid)
-        self.steps = self.gui.add_button_group("", (_PAUSED, _PLAYING, "◀ step", "step ▶"))
-        self.on(self.steps, "play", self._clicked)
-        speed = self.gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1")
-        self.on(speed, "speed", lambda name: setattr(window, "speed", SPEEDS[name]))
+        self.clock.follow()
+        self.moving.follow()
+        self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)
+        self.replaying.follow()
+
+
+class Clock:
+    """Controls of the time."""
+
+    def __init__(self, panel: Panel) -> None:
+        window, gui = panel.window, panel.gui
+        self.window = window
+        self.time = gui.add_slider("time [s]", 0.0, 1.0, TIME_STEP, 0.0)
+        panel.on(self.time, "time", self._slid)
+        steps = gui.add_button_group("", (_PAUSED, _PLAYING, "◀ step", "step ▶"))
+        panel.on(steps, "play", self._clicked)
+        speed = gui.add_dropdown("speed", tuple(SPEEDS), initial_value="1")
+        panel.on(speed, "speed", lambda name: setattr(window, "speed", SPEEDS[name]))
 
     def _slid(self, value: float) -> None:
         self.window.play(False)
@@ -162,62 +196,96 @@ class Panel:
             window.play(False)
             window.go(window.now + (TIME_STEP if name.startswith("step") else -TIME_STEP))
 
-    # -- planning -------------------------------------------------------------------------------
+    def follow(self) -> None:
+        """Show the present time, of the present duration."""
+        if self.window.shown is None:
+            return
+        end = round(self.window.duration, 3)
+        if self.time.max != end:
+            self.time.max = end
+        self.time.value = min(round(self.window.now, 3), end)
 
-    def _planning(self) -> None:
-        window, gui, now = self.window, self.gui, self.window.settings
-        self.planner = gui.add_dropdown("planner", planner_names(), initial_value=now["planner"])
-        self.on(self.planner, "planner", lambda v: self._set(planner=v))
+
+class PlanTab:
+    """Controls of planning; the numbers of the plan."""
+
+    def __init__(self, panel: Panel) -> None:
+        self.window, gui, asked = panel.window, panel.gui, panel.window.asked
+        self.planner = gui.add_dropdown("planner", planner_names(), initial_value=asked.planner)
+        panel.on(self.planner, "planner", lambda v: self.window.ask(planner=v))
         self.radius = gui.add_slider("gripper radius [mm]", 20.0, 80.0, 1.0, 50.0)
-        self.on(self.radius, "radius", functools.partial(self._change, content.with_radius))
+        panel.on(self.radius, "radius", functools.partial(self._change, content.with_radius))
         self.sigma = gui.add_slider("detection σ [mm]", 0.0, 15.0, 0.5, 0.0)
-        self.on(self.sigma, "sigma", functools.partial(self._change, content.with_sigma))
+        panel.on(self.sigma, "sigma", functools.partial(self._change, content.with_sigma))
         with gui.add_folder("options", expand_by_default=False):
             predict = gui.add_checkbox("search in the push model", True)
-            self.on(predict, "prediction", lambda v: self._option(prediction=v))
+            panel.on(predict, "prediction", lambda v: self.option(prediction=v))
             duration = gui.add_number("duration [s], 0: shortest", 0.0, min=0.0, max=60.0, step=0.5)
-            self.on(duration, "duration", lambda v: self._option(duration=v or None))
+            panel.on(duration, "duration", lambda v: self.option(duration=v or None))
             for name, (label, factor, least, most, step) in _NUMBERS.items():
-                default = round(getattr(window.options, name) * factor, 6)
+                default = round(getattr(asked.options, name) * factor, 6)
                 number = gui.add_number(label, default, min=least, max=most, step=step)
-                self.on(number, name, functools.partial(self._scaled, name, factor))
-        self.button("plan again", window.replan)
+                panel.on(number, name, functools.partial(self._scaled, name, factor))
+        panel.button("plan again", self.window.replan)
         self.table = gui.add_html("")
 
     def _scaled(self, name: str, factor: float, value: float) -> None:
-        self._option(**{name: value / factor})
+        self.option(**{name: value / factor})
 
     def _change(self, changed: Callable[[Scene, float], Scene], value: float) -> None:
-        self.window.change(changed(self.window.scene, 1e-3 * value))
+        self.window.ask(scene=changed(self.window.scene, 1e-3 * value))
 
-    def _set(self, **values: Any) -> None:
-        self.window.settings |= values
-        self.window.replan()
+    def option(self, **values: Any) -> None:
+        """Plan with another option."""
+        self.window.ask(options=replace(self.window.asked.options, **values))
 
-    def _option(self, **values: Any) -> None:
-        self.window.options = replace(self.window.options, **values)
-        self.window.replan()
+    def follow(self, made: Plan | Picked) -> None:
+        """Show the numbers of a plan, and for what it was made."""
+        asked = self.window.asked
+        self.table.content = tabs.table(made)
+        self.planner.value = asked.planner
+        radius = content.tool_radius(asked.scene)
+        self.radius.disabled = radius is None
+        if radius is not None:
+            self.radius.value = 1e3 * radius
+        self.sigma.value = 1e3 * content.sigma(asked.scene)
 
-    # -- moving and saving ----------------------------------------------------------------------
 
-    def _moving(self) -> None:
-        window, gui = self.window, self.gui
+class MoveTab:
+    """Controls that move things, and save the scene and its plan."""
+
+    def __init__(self, panel: Panel) -> None:
+        self.window, gui = panel.window, panel.gui
         gui.add_markdown("Click a thing in the scene, or choose it here; then drag its handle.")
-        names = (NOTHING, *content.grips(window.scene))
-        self.choice = gui.add_dropdown("handle at", names, initial_value=NOTHING)
-        self.on(self.choice, "select", lambda v: window.select("" if v == NOTHING else v))
+        self.choice = gui.add_dropdown("handle at", self._names(), initial_value=NOTHING)
+        panel.on(self.choice, "select", lambda v: self.window.select("" if v == NOTHING else v))
         self.place = gui.add_vector3("place [m]", (0.0, 0.0, 0.0), step=0.001)
-        self.on(self.place, "place", self._placed)
-        self.button("scene as it was", window.reset)
-        self.name = gui.add_text("name", window.scene.name)
-        self.button("save scene", self._save_scene)
-        self.button("save plan", self._save_plan)
+        panel.on(self.place, "place", self._placed)
+        panel.button("scene as it was", self.window.reset)
+        self.name = gui.add_text("name", self.window.scene.name)
+        panel.button("save scene", self._save_scene)
+        panel.button("save plan", self._save_plan)
         self.saved = gui.add_markdown("")
+
+    def _names(self) -> tuple[str, ...]:
+        return (NOTHING, *content.grips(self.window.scene))
+
+    def offer(self) -> None:
+        """Offer the things of the present scene."""
+        if tuple(self.choice.options) != self._names():
+            self.choice.options = self._names()
+
+    def follow(self) -> None:
+        """Show what is selected, and where it is."""
+        chosen = self.window.selected
+        self.choice.value = NOTHING if chosen is None else chosen.name
+        if chosen is not None:
+            self.place.value = tuple(content.place(self.window.scene, chosen).tolist())
 
     def _placed(self, value: tuple[float, float, float]) -> None:
         window = self.window
         if window.selected is not None:
-            window.change(content.moved(window.scene, window.selected, np.array(value)))
+            window.ask(scene=content.moved(window.scene, window.selected, np.array(value)))
             window.select(window.selected.name)
 
     def named(self) -> str:
@@ -235,65 +303,16 @@ class Panel:
 
     def _save_plan(self) -> None:
         from optipromp.core.output import write_pick
-        from optipromp.core.planning.legs import Picked
 
-        if self.window.made is None:
+        if self.window.shown is None:
             raise InvalidRequestError("there is no plan of this scene")
         folder = self.window.out / self.named()
-        write_pick(Picked(dict(legs_of(self.window.made))), folder)
+        write_pick(Picked(dict(legs_of(self.window.shown.made))), folder)
         self.saved.content = f"wrote {folder}"
-
-    # -- layers and charts ----------------------------------------------------------------------
-
-    def _layers(self) -> None:
-        window = self.window
-        self.layers: dict[str, Any] = {}
-        for name in LAYERS:
-            self.layers[name] = self.gui.add_checkbox(name, window.stage.visible(name))
-            self.on(self.layers[name], name, functools.partial(self._layer, name))
-
-    def _layer(self, name: str, shown: bool) -> None:
-        window = self.window
-        window.stage.layer(name, shown)
-        self._explain()
-        window.go(window.now)
-
-    def _refresh(self) -> None:
-        """Update table, charts, and the controls of the scene after a plan."""
-        window, plan = self.window, self.window.plan
-        assert plan and window.made and window.near  # noqa: PT018
-        self.table.content = tabs.table(window.made)
-        self.gui.set_panel_label(f"OptI-ProMP: {plan.scene.name}")
-        self.planner.value = window.settings["planner"]
-        names = (NOTHING, *content.grips(window.scene))
-        if tuple(self.choice.options) != names:
-            self.choice.options = names
-        radius = content.tool_radius(window.scene)
-        self.radius.disabled = radius is None
-        if radius is not None:
-            self.radius.value = 1e3 * radius
-        self.sigma.value = 1e3 * content.sigma(window.scene)
-        self.plots.show(content.charts(window.made, window.near, window.chart_times), window.now)
-
-    def _mark(self) -> None:
-        """Update slider and charts after a change of the time."""
-        window = self.window
-        if window.plan is not None:
-            end = round(window.duration, 3)
-            if self.time.max != end:
-                self.time.max = end
-            self.time.value = min(round(window.now, 3), end)
-        if window.selected is None:
-            self.choice.value = NOTHING
-        else:
-            self.choice.value = window.selected.name
-            self.place.value = tuple(content.place(window.scene, window.selected).tolist())
-        self.plots.mark(window.now, CHART_EVERY * window.speed if window.worker.running else 0.0)
-        self.replaying.follow()
 
 
 def plain_name(text: str) -> str:
-    """The name of a file within the page's folder."""
+    """The name of a file within the page's folder. Raises InvalidRequestError: it is none."""
     name = text.strip()
     if not is_name(name) or name != file_name(name).strip("."):
         raise InvalidRequestError(f"the name {name!r} is not a plain file name")
@@ -323,9 +342,9 @@ class RecordTab:
 
     def enable(self) -> None:
         """Let those buttons be pressed that have something to do."""
-        known, held = self.recorder, self.window.dragging == self._dragged
+        known, held = self.recorder, self.window.handle.dragged == self._dragged
         rows, kept = (known.rows, known.kept) if known is not None else ([], [])
-        able = rows, held or rows, kept, kept, "demonstrations" in self.window.settings
+        able = rows, held or rows, kept, kept, self.window.asked.demonstrations
         for button, on in zip(self.further, able, strict=True):
             button.disabled = not on
 
@@ -342,13 +361,13 @@ class RecordTab:
         known.begin(state.q)
         window.stage.show(window.scene, robot)
         window.stage.pose(state.q)
-        window.hold(robot.tool_pose(state.q)[0], self._dragged)
+        window.handle.hold(robot.tool_pose(state.q)[0], self._dragged)
         self._tell("recording: drag the handle")
 
-    def _dragged(self, at: FloatArray, phase: str) -> None:
+    def _dragged(self, at: FloatArray, phase: str, since: float) -> None:
         recorder = self.recorder
         assert recorder is not None
-        reached = recorder.drag(at, self.window.since)
+        reached = recorder.drag(at, since)
         self.window.stage.pose(recorder.q)
         words = f"{len(recorder.times)} samples" + ("" if reached else ", **out of reach**")
         self._tell(f"recording: {words}")
@@ -361,19 +380,19 @@ class RecordTab:
     def accept(self) -> None:
         """Keep the recording."""
         count = self._recorder().accept()
-        self.window.release()
+        self.window.handle.release()
         self._tell(f"{count} demonstrations; start recording the next, save or learn")
 
     def discard(self) -> None:
         """Forget the recording."""
         recorder = self._recorder()
         recorder.begin(recorder.q)
-        self.window.release()
+        self.window.handle.release()
         self._tell(f"discarded; {len(recorder.kept)} demonstrations")
 
     def save(self) -> None:
         """Write the accepted demonstrations into the page's folder."""
-        name = self.panel.named()
+        name = self.panel.moving.named()
         check_folder(self.window.out)
         path = self.window.out / f"{name}-demonstrations.npz"
         save_demonstrations(self._recorder().demonstrations, path)
@@ -388,15 +407,13 @@ class RecordTab:
         window.stage.bundle(content.bundle(promp, recorder.robot), LEARNT)
         notes = "".join(f"  \n{one.message}" for one in said)
         self._tell(f"learnt from {len(recorder.kept)} demonstrations; plans begin from it{notes}")
-        window.settings["demonstrations"] = promp
-        window.replan()
+        window.ask(demonstrations=promp)
 
     def forget(self) -> None:
         """Plan from the robot's own demonstrations again."""
-        self.window.settings.pop("demonstrations", None)
         self.window.stage.drop(LEARNT)
         self._tell(_TELL)
-        self.window.replan()
+        self.window.ask(demonstrations=None)
 
     def _tell(self, text: str) -> None:
         self.told.content = text
@@ -418,22 +435,23 @@ class ReplayTab:
 
     def show(self) -> None:
         """Replay the chosen runs; with none, show the plan."""
-        known = {replay.name: replay for replay in self.window.replays}
+        known = {replay.name: replay for replay in self.window.runs.known}
         names = dict.fromkeys(str(c.value) for c in (self.choice, self.second))
         self.window.replay([known[name] for name in names if name in known])
 
     def follow(self) -> None:
         """Show the names of the replayed runs and the present forces."""
-        names = ("none", *(replay.name for replay in self.window.replays))
-        now = [replay.name for replay, _ in self.window.replayed]
+        runs = self.window.runs
+        names = ("none", *(replay.name for replay in runs.known))
+        now = [replay.name for replay, _ in runs.shown]
         for control, name in zip((self.choice, self.second), [*now, "none", "none"], strict=False):
             if tuple(control.options) != names:
                 control.options = names
             control.value = name
-        text = self.window.forces if now else ""
+        text = runs.forces if now else ""
         if self.forces.content != text:
             self.forces.content = text
-        records = [run.record for run, _ in self.window.replayed if run.record is not None]
+        records = [run.record for run, _ in runs.shown if run.record is not None]
         drawn = "".join(tabs.sight(record, self.window.now) for record in records)
         if self.sight.content != drawn:
             self.sight.content = drawn
@@ -441,14 +459,13 @@ class ReplayTab:
 
 class Page:
     """A running server. :meth:`stop` ends it and its threads. Each window opens with ``source`` and
-    saves into ``out``. ``port``: 0: any free one."""
+    saves into ``out``. ``port``: 0: any free one. Raises InvalidRequestError: it cannot listen."""
 
     def __init__(
         self, source: Source, *, host: str = "localhost", port: int = 0, out: Path = Path("out")
     ) -> None:
         self.source, self.out = source, out
         self.windows: dict[int, Window] = {}
-        self.panels: dict[int, Panel] = {}
         self.server = listening(host, usable(host, port))
         self.url = f"http://{host}:{self.server.get_port()}"
         self.server.on_client_connect(self._enter)
@@ -462,18 +479,16 @@ class Page:
         self.windows[client.client_id] = window
 
         def begin() -> None:
-            panel = Panel(window)
+            window.panel = Panel(window)
             if client.client_id in self.windows:  # it may have left meanwhile
-                self.panels[client.client_id] = panel
                 window.start()
 
-        window.post("start", begin)
+        window.worker.post("start", begin)
 
     async def _leave(self, client: Any) -> None:
         window = self.windows.pop(client.client_id, None)
         if window is not None:
             await asyncio.to_thread(window.worker.stop)
-        self.panels.pop(client.client_id, None)
 
     def stop(self) -> None:
         """Close every window and the server."""
@@ -484,7 +499,7 @@ class Page:
 
 
 def usable(host: str, port: int) -> int:
-    """The port, or a free one for 0."""
+    """The port, or a free one for 0. Raises InvalidRequestError: nobody can listen there."""
     try:
         family, *_ = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, socket.SOCK_STREAM) as probe:

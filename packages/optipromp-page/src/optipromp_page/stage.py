@@ -271,6 +271,39 @@ def look(
     camera.look_at = scene.base @ focus
 
 
+AIMS = 20  # of a view that does not arrive in a page, at most: a choice
+ARRIVED = 1e-3  # [m] of a view from where it was placed: a choice
+
+
+class View:
+    """A window's ``camera``, and what it frames; what it causes is posted by ``post``."""
+
+    def __init__(self, camera: Any, post: Callable[[str, Callable[[], None]], None]) -> None:
+        self.camera, self.post = camera, post
+        self._aimed: tuple[Any, ...] | None = None  # what is framed, for which size, from where
+        self._arrived, self._aims = False, AIMS
+        camera.on_update(self._reported)
+
+    def look(self, *what: Any) -> None:
+        """See :func:`look`."""
+        size = self.camera.image_width, self.camera.image_height
+        look(self.camera, *what)
+        self._aimed = what, size, np.array(self.camera.position)
+
+    def _reported(self, camera: Any) -> None:
+        """Frame the scene again: the page has another size, and its user did not turn the view; or
+        the view did not arrive, which a page that opens may not hear."""
+        if self._aimed is None:
+            return
+        what, size, place = self._aimed
+        there = np.abs(camera.position - place).max() < ARRIVED
+        self._arrived |= there
+        other = (camera.image_width, camera.image_height) != size
+        if other if there else not self._arrived and self._aims > 0:
+            self._aims -= not there
+            self.post("look", lambda: self.look(*what))
+
+
 def balls(scene: Scene, tool: FloatArray | None = None) -> tuple[FloatArray, FloatArray]:
     """Centres (k, 3) and radii (k,) [m] framed: target, pushables, nodes of a truss, tool."""
     items = [item for item in scene.objects if item.role in ("target", "pushable")]
@@ -396,7 +429,7 @@ class Replay:
 
 
 def load_replay(folder: Path) -> Replay:
-    """The replay of what ``optipromp simulate`` left in a folder."""
+    """The replay of what ``optipromp simulate`` left in a folder. Raises errors as a scene does."""
     outcome = read_document(folder / "outcome.json", InvalidRequestError, "an outcome")
     arrays: dict[str, Any] = dict(read_npz(folder / "rollout.npz"))
     with reading(folder, "not a rollout that this version wrote", passes=(InvalidSceneError,)):
@@ -435,7 +468,8 @@ class Source:
 
 def open_source(item: str, beside: str | None = None) -> Source:
     """The source in a scene file, a built-in scene, or a folder of a plan or a rollout; and a
-    second folder of a rollout, which is replayed ``beside`` the first."""
+    second folder of a rollout, which is replayed ``beside`` the first. Raises errors of OptI-ProMP
+    where it is none of these, or cannot be read."""
     folder = Path(item)
     replays = tuple(
         load_replay(Path(name))

@@ -6,7 +6,8 @@ import threading
 import time
 import traceback
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -17,19 +18,80 @@ from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import Picked, Plan, PlanOptions, planner_names
 from optipromp.core.planning import plan as make_plan
 from optipromp.core.planning.legs import curve_of, legs_of, plan_whole
+from optipromp.core.planning.options import DEFAULTS
 from optipromp.core.planning.task import posed
+from optipromp.core.promp import ProMP
 from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import Trajectory
 from optipromp.looks.viewer.drawn import conditioned_on, held, moment
 from optipromp.looks.viewer.words import seconds, without_codes
 from optipromp_page import content
 from optipromp_page.sentences import complaint
-from optipromp_page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, execute, look
+from optipromp_page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, View, execute
 from optipromp_page.tabs import Told, Tone, of_error, of_plan, of_runs
 
 HASTE = 0.08  # [s] of a plan during a drag, at most; of 0.15 s until the screen shows it
-AIMS = 20  # of a view that does not arrive in a page, at most: a choice
-ARRIVED = 1e-3  # [m] of a view from where it was placed: a choice
 _planning = threading.Lock()  # windows plan one after another: two at once gain nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What is planned."""
+
+    scene: Scene
+    planner: str = "opti-promp"
+    demonstrations: ProMP | None = None  # None: the robot's own
+    options: PlanOptions = DEFAULTS
+
+    def plan(self, *, live: bool, reach: bool) -> Plan | Picked:
+        """The plan; ``live``: the reach alone, in haste."""
+        least = replace(self.options, timeout=min(HASTE, self.options.timeout))
+        verb = make_plan if live or reach else plan_whole
+        return verb(self.scene, planner=self.planner, demonstrations=self.demonstrations,
+                    options=least if live else self.options)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What was made of a scene, how, in words, and what surrounds it, once that is known."""
+
+    made: Plan | Picked
+    scene: Scene
+    how: str
+    around: content.Around | None = None
+
+    @property
+    def plan(self) -> Plan:
+        """The reach."""
+        return legs_of(self.made)["reach"]
+
+    @cached_property
+    def curve(self) -> Trajectory:
+        """The motion of all legs."""
+        return curve_of(self.made)
+
+    def told(self) -> Told:
+        """The plan in words, with the pushes that are known."""
+        return of_plan(self.made, self.how, self.around.pushed.shifts() if self.around else {})
+
+
+class Listener:
+    """What a window tells its panel."""
+
+    def say(self, told: Told) -> None:
+        """Show a message."""
+
+    def occupy(self, on: bool) -> None:
+        """Long work begins, or ends."""
+
+    def staged(self) -> None:
+        """What is shown is another."""
+
+    def told(self) -> None:
+        """A plan is there, and what surrounds it."""
+
+    def clocked(self) -> None:
+        """The time is another."""
 
 
 class Window:
@@ -39,47 +101,34 @@ class Window:
 
     def __init__(self, client: Any, source: Source, out: Path) -> None:
         self.client, self.source, self.out = client, source, out
-        self.original = self.scene = source.scene
-        self.settings: dict[str, Any] = {"planner": "opti-promp"}
-        self.options = PlanOptions()
-        self.made: Plan | Picked | None = None
-        self.plan: Plan | None = None  # the reach of what was made
-        self.planned: Scene | None = None  # for which it was made
+        self.original = source.scene
+        self.asked = Asked(source.scene)
+        self.shown: Shown | None = None
         self.now, self.speed = 0.0, 1.0
         self.selected: content.Grip | None = None
+        self.panel = Listener()
         self.worker = Worker(self._tick, self._failed)
-        self.post = self.worker.post
         self.stage = PlanNodes(client.scene)
-        self.stage.on_click = lambda name: self.post("select", lambda: self.select(name))
-        self.near: content.Clearances | None = None
-        self.chart_times: FloatArray = np.zeros(0)
-        self._pushed: content.PushedPlaces | None = None
-        self._how = ""  # the plan was made, in words
-        self._gizmo: Any = None
-        self.dragging: Callable[[FloatArray, str], None] | None = None
-        self.since = 0.0  # [s] when the drag that is answered next was received
-        # callbacks of the panel
-        self.say: Callable[[Told], None] = lambda told: None
-        self.occupy: Callable[[bool], None] = lambda on: None  # before and after long work
-        self.staged: Callable[[], None] = lambda: None  # after a change of what is shown
-        self.told: Callable[[], None] = lambda: None  # after a plan and all that belongs to it
-        self.clocked: Callable[[], None] = lambda: None  # after a change of the time
-        self.replays: list[Replay] = list(source.replays)
-        self.replayed: tuple[tuple[Replay, PlanNodes], ...] = ()
-        self.forces = ""  # of the replay, in words
-        self._aimed: tuple[Any, ...] | None = None  # what is framed, for which size, from where
-        self._arrived, self._aims = False, AIMS
+        self.stage.on_click = lambda name: self.worker.post("select", lambda: self.select(name))
+        self.handle = Handle(self.stage, self.worker)
+        self.view = View(client.camera, self.worker.post)
+        self.runs = Runs(self.stage, source.replays)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that is planned for."""
+        return self.asked.scene
 
     def start(self) -> None:
         """Show the first scene, and a plan."""
-        self.client.camera.on_update(self._reported)
         self.open(self.source.scene, self.source.plan)
-        if self.replays:
-            self.replay(self.replays[:2])
+        if self.runs.known:
+            self.replay(self.runs.known[:2])
 
     def open(self, scene: Scene, plan: Plan | Picked | None = None) -> None:
         """Show another scene with its ``plan``, or with a new one."""
-        self.original = self.scene = scene
+        self.original = scene
+        self.asked = replace(self.asked, scene=scene)
         self.now = 0.0
         self.select("")
         self.replay(())
@@ -88,7 +137,7 @@ class Window:
             self.replan()
         else:
             if (name := legs_of(plan)["reach"].planner) in planner_names():
-                self.settings["planner"] = name
+                self.asked = replace(self.asked, planner=name)
             self._show(plan, "as it was saved")
             self.details()
 
@@ -104,53 +153,35 @@ class Window:
                 tool = robot.tool_pose(state.q)[0]
                 self.stage.show(scene, robot)
                 self.stage.pose(state.q)
-            self._look(scene, tool)
-            self.staged()
-
-    def _look(self, *what: Any) -> None:
-        """See :func:`optipromp_page.stage.look`."""
-        camera = self.client.camera
-        size = camera.image_width, camera.image_height
-        look(camera, *what)
-        self._aimed = what, size, np.array(camera.position)
-
-    def _reported(self, camera: Any) -> None:
-        """Frame the scene again: the page has another size, and its user did not turn the view; or
-        the view did not arrive, which a page that opens may not hear."""
-        if self._aimed is None:
-            return
-        what, size, place = self._aimed
-        there = np.abs(camera.position - place).max() < ARRIVED
-        self._arrived |= there
-        other = (camera.image_width, camera.image_height) != size
-        if other if there else not self._arrived and self._aims > 0:
-            self._aims -= not there
-            self.post("look", lambda: self._look(*what))
+            self.view.look(scene, tool)
+            self.panel.staged()
 
     @contextlib.contextmanager
     def working(self, words: str = "") -> Iterator[None]:
-        """Say that something is under way, and :attr:`occupy` the controls until it ends."""
+        """Say that something is under way, and occupy the controls until it ends."""
         if words:
-            self.say(Told(f"{words} …", tone=Tone.BUSY))
-        self.occupy(True)
+            self.panel.say(Told(f"{words} …", tone=Tone.BUSY))
+        self.panel.occupy(True)
         self.client.flush()
         try:
             yield
         finally:
-            self.occupy(False)
+            self.panel.occupy(False)
 
     # -- planning -------------------------------------------------------------------------------
+
+    def ask(self, **values: Any) -> None:
+        """Plan with other values of :class:`Asked`."""
+        self.asked = replace(self.asked, **values)
+        self.replan()
 
     def replan(self, *, live: bool = False, since: float | None = None) -> None:
         """Plan the present scene; ``live``: in haste, the reach alone, without :meth:`details`."""
         self.replay(())
         began = time.perf_counter()
-        hasty = replace(self.options, timeout=min(HASTE, self.options.timeout))
-        options = hasty if live else self.options
         try:
             with contextlib.nullcontext() if live else self.working("planning"), _planning:
-                verb = make_plan if live or self.source.reach else plan_whole
-                made = verb(self.scene, options=options, **self.settings)
+                made = self.asked.plan(live=live, reach=self.source.reach)
         except OptiPrompError as error:
             self.refuse(error)
             return
@@ -159,24 +190,23 @@ class Window:
             words += f", {seconds(time.perf_counter() - since)} after the drag"
         self._show(made, words, haste=live)
         if not live:
-            self.post("details", self.details)
+            self.worker.post("details", self.details)
 
     def refuse(self, error: OptiPrompError) -> None:
         """Show an error of the scene or the request, at its cause in the scene."""
         with self.client.atomic():
             at = content.culprit(self.scene, error, self.selected)
             self.stage.say(complaint(error), at)
-            self.say(of_error(error))
+            self.panel.say(of_error(error))
 
     def _show(self, made: Plan | Picked, words: str, *, haste: bool = False) -> None:
-        plan, *later = legs_of(made).values()
-        self.made, self.plan, self.planned, self.curve = made, plan, self.scene, curve_of(made)
-        self._pushed = self.near = self.stage.near = None
-        self._how, wrong = words, complaint(made)
+        self.shown = shown = Shown(made, self.scene, words)
+        self.stage.near = None
+        plan, wrong = shown.plan, complaint(made)
         with self.client.atomic():
             self.stage.show(plan.scene, plan.robot, haste=haste)
             self.stage.trajectories(made)
-            last = [plan, *later][-1]
+            last = list(legs_of(made).values())[-1]
             at = content.culprit(plan.scene, last, self.selected) if wrong else None
             self.stage.say(wrong, at)
             if not haste:
@@ -184,31 +214,29 @@ class Window:
                 self.stage.via(conditioned_on(plan))
                 if self.now == 0.0:
                     self.now = moment(plan).time
-                self.staged()
+                self.panel.staged()
             self.go(self.now)
-            self.say(of_plan(made, words, {}))
+            self.panel.say(shown.told())
 
     def details(self) -> None:
         """Show the bundle, candidates, predicted pushes and clearances of the plan."""
-        made, plan = self.made, self.plan
-        if made is None or plan is None:
+        if self.shown is None:
             return
+        plan = self.shown.plan
         with self.working():
-            self.chart_times = np.linspace(0.0, self.curve.duration, content.CHART_ROWS)
-            q = self.curve.sample(self.chart_times)[0]
-            self.near = content.clearances(plan.scene, plan.robot, q)
-            self._pushed = content.pushed(made)
-            bundle = content.initial_bundle(plan, self.settings.get("demonstrations"))
+            around = content.around(self.shown.made)
+            self.shown = shown = replace(self.shown, around=around)
+            bundle = content.initial_bundle(plan, self.asked.demonstrations)
             tried = content.candidates(plan) if plan.planner == "opti-promp" else []
             with self.client.atomic():
-                self.stage.near = self.near
+                self.stage.near = around.near
                 self.stage.bundle(bundle)
                 threshold = plan.prediction.threshold if plan.prediction else 1.0
                 self.stage.candidates(tried, threshold)
-                self.stage.ghosts(self._pushed.at(plan.duration))
-                if not self.replayed:
-                    self.say(of_plan(made, self._how, self._pushed.shifts()))
-                self.told()
+                self.stage.ghosts(around.pushed.at(plan.duration))
+                if not self.runs.shown:
+                    self.panel.say(shown.told())
+                self.panel.told()
                 self.go(self.now)
 
     # -- the clock ------------------------------------------------------------------------------
@@ -216,25 +244,25 @@ class Window:
     @property
     def duration(self) -> float:
         """Duration of the plan, or of the replayed plans [s]."""
-        if self.replayed:
-            return max(replay.duration for replay, _ in self.replayed)
-        return 0.0 if self.made is None else self.curve.duration
+        if self.runs.shown:
+            return self.runs.duration
+        return 0.0 if self.shown is None else self.shown.curve.duration
 
     def go(self, now: float) -> None:
         """Show the arm and the objects at the time ``now`` [s]."""
         self.now = float(np.clip(now, 0.0, self.duration))
-        if self.replayed:
-            told = [f"**{r.name}**  \n{r.show(stage, self.now)}" for r, stage in self.replayed]
-            self.forces = without_codes("\n\n".join(told))
-        elif self.made is not None:
-            self.stage.pose(self.curve.at(self.now).q)
-            if self._pushed is not None:
+        if self.runs.shown:
+            self.runs.go(self.now)
+        elif self.shown is not None:
+            self.stage.pose(self.shown.curve.at(self.now).q)
+            around = self.shown.around
+            if around is not None:
                 seen = self.stage.visible("pushed objects")
-                self.stage.place(self._pushed.at(self.now if seen else 0.0))
-            self.stage.place(held(self.made, self.now))
-            if self.near is not None:
-                self.stage.colour(int(np.abs(self.chart_times - self.now).argmin()))
-        self.clocked()
+                self.stage.place(around.pushed.at(self.now if seen else 0.0))
+            self.stage.place(held(self.shown.made, self.now))
+            if around is not None:
+                self.stage.colour(int(np.abs(around.times - self.now).argmin()))
+        self.panel.clocked()
 
     def play(self, running: bool) -> None:
         """Start the clock, at the end again from the beginning; or stop it."""
@@ -253,45 +281,33 @@ class Window:
 
     def execute(self) -> None:
         """Execute the plan in the simulation, and replay it."""
-        if self.made is None or self.plan is None:
+        if self.shown is None:
             return
-        with self.working(f"executing {self.plan.planner} in the simulation"), _planning:
-            count = len(self.replays) + 1
-            self.replays.append(execute(self.made, f"{count}: {self.plan.planner}"))
-        self.replay(self.replays[-1:])
+        planner, known = self.shown.plan.planner, self.runs.known
+        with self.working(f"executing {planner} in the simulation"), _planning:
+            known.append(execute(self.shown.made, f"{len(known) + 1}: {planner}"))
+        self.replay(known[-1:])
 
     def replay(self, chosen: Sequence[Replay]) -> None:
         """Replay executed plans, two side by side; with none, show the plan again."""
-        if not chosen and not self.replayed:
+        if not chosen and not self.runs.shown:
             return
-        for _, stage in self.replayed:
-            for layer in ("forces", "tracks", "path ahead"):
-                stage.drop(layer)
-            stage.glass(False)
-            if stage is not self.stage:
-                stage.clear()
-        self.replayed = ()
+        self.runs.clear()
         self.stage.mute(bool(chosen))
         if chosen:
             scene = chosen[0].scene
             apart = -ROLLOUTS_APART * scene.frame[1]
             tool = chosen[0].robot.tool_pose(chosen[0].arrays["q"][0])[0]
-            self._look(scene, tool, apart if len(chosen) > 1 else None)
-            there = scene.base.rotation @ apart
-            stages = [self.stage, *(PlanNodes(self.client.scene, "b", there) for _ in chosen[1:])]
+            self.view.look(scene, tool, apart if len(chosen) > 1 else None)
             with self.client.atomic():
-                for replay, stage in zip(chosen, stages, strict=True):
-                    stage.show(replay.scene, replay.robot)
-                    stage.glass(replay.record is not None)
-                    stage.say(replay.message, None)
-                self.replayed = tuple(zip(chosen, stages, strict=True))
-                self.say(of_runs(chosen))
-                self.staged()
+                self.runs.show(chosen, scene.base.rotation @ apart)
+                self.panel.say(of_runs(chosen))
+                self.panel.staged()
                 self.go(0.0)
-        elif self.made is not None and self.plan is not None:
-            self.stage.show(self.plan.scene, self.plan.robot)
-            self.say(of_plan(self.made, self._how, self._pushed.shifts() if self._pushed else {}))
-            self.staged()
+        elif self.shown is not None:
+            self.stage.show(self.shown.plan.scene, self.shown.plan.robot)
+            self.panel.say(self.shown.told())
+            self.panel.staged()
             self.go(self.now)
 
     # -- moving things --------------------------------------------------------------------------
@@ -300,65 +316,109 @@ class Window:
         """Show the handle of one of :func:`optipromp_page.content.grips`; empty: of none."""
         found = content.grips(self.scene)
         self.selected = found.get(name)
-        self.release()
+        self.handle.release()
         if self.selected is not None:
-            self.hold(content.place(self.scene, self.selected), self._dragged)
-        self.clocked()
+            self.handle.hold(content.place(self.scene, self.selected), self._dragged)
+        self.panel.clocked()
 
-    def hold(self, at: FloatArray, dragged: Callable[[FloatArray, str], None]) -> None:
-        """Show a handle at a point (3,); ``dragged`` gets its place, and ``update`` or ``end``."""
-        self.dragging = dragged
-        name, still = f"{self.stage.root}/handle", {"disable_rotations": True, "depth_test": False}
-        gizmo = self.client.scene.add_transform_controls(name, scale=0.12, position=at, **still)
-        self._gizmo = gizmo
-
-        async def moved(event: Any) -> None:  # in order: viser awaits it
-            since, at = time.perf_counter(), np.array(event.target.position)
-            if event.phase != "start" and self.dragging is not None:
-                self.dragged(at, event.phase, since)
-
-        self._gizmo.on_update(moved)
-
-    def release(self) -> None:
-        """Remove the handle."""
-        self.dragging = None
-        if self._gizmo is not None:
-            self._gizmo.remove()
-            self._gizmo = None
-
-    def dragged(self, at: FloatArray, phase: str, since: float) -> None:
-        """Post the move of the handle to a point (3,); called from viser's thread."""
-        act = self.dragging
-        if act is None:
-            return
-        if phase == "end":
-            self.worker.drop("drag")
-        self.since = since
-        self.post("drag" if phase == "update" else "dropped", lambda: act(at, phase))
-
-    def _dragged(self, at: FloatArray, phase: str) -> None:
+    def _dragged(self, at: FloatArray, phase: str, since: float) -> None:
         assert self.selected is not None
         self.worker.drop("details")
         try:
-            self.scene = content.moved(self.scene, self.selected, at)
+            scene = content.moved(self.scene, self.selected, at)
         except OptiPrompError as error:
             self.refuse(error)
             return
-        self.replan(live=phase == "update", since=self.since)
+        self.asked = replace(self.asked, scene=scene)
+        self.replan(live=phase == "update", since=since)
 
     def reset(self) -> None:
         """Restore the scene as it was opened."""
-        self.scene = self.original
+        self.asked = replace(self.asked, scene=self.original)
         self.select("")
         self.replan()
 
-    def change(self, scene: Scene) -> None:
-        """Plan in a changed scene."""
-        self.scene = scene
-        self.replan()
-
     def _failed(self, error: Exception) -> None:
-        self.say(Told("Something broke", (f"error: {type(error).__name__}: {error}",), Tone.BAD))
+        self.panel.say(
+            Told("Something broke", (f"error: {type(error).__name__}: {error}",), Tone.BAD)
+        )
+
+
+class Runs:
+    """Executed plans of a window, and those that are replayed: the first on its ``stage``."""
+
+    def __init__(self, stage: PlanNodes, known: Sequence[Replay]) -> None:
+        self.stage, self.known = stage, list(known)
+        self.shown: tuple[tuple[Replay, PlanNodes], ...] = ()
+        self.forces = ""  # in words
+
+    @property
+    def duration(self) -> float:
+        """The longest of those that are replayed [s]."""
+        return max(replay.duration for replay, _ in self.shown)
+
+    def show(self, chosen: Sequence[Replay], apart: FloatArray) -> None:
+        """Replay plans, a second ``apart`` (3,) of the first [m]."""
+        there = apart.tolist()
+        stages = [self.stage, *(PlanNodes(self.stage.api, "b", there) for _ in chosen[1:])]
+        for replay, stage in zip(chosen, stages, strict=True):
+            stage.show(replay.scene, replay.robot)
+            stage.glass(replay.record is not None)
+            stage.say(replay.message, None)
+        self.shown = tuple(zip(chosen, stages, strict=True))
+
+    def go(self, now: float) -> None:
+        """Show the time ``now`` [s]."""
+        told = [f"**{run.name}**  \n{run.show(stage, now)}" for run, stage in self.shown]
+        self.forces = without_codes("\n\n".join(told))
+
+    def clear(self) -> None:
+        """Replay nothing."""
+        for _, stage in self.shown:
+            for layer in ("forces", "tracks", "path ahead"):
+                stage.drop(layer)
+            stage.glass(False)
+            if stage is not self.stage:
+                stage.clear()
+        self.shown = ()
+
+
+class Handle:
+    """The handle on a window's ``stage`` by which a point is dragged."""
+
+    def __init__(self, stage: PlanNodes, worker: "Worker") -> None:
+        self.stage, self.worker = stage, worker
+        self.dragged: Callable[[FloatArray, str, float], None] | None = None
+        self.gizmo: Any = None
+
+    def hold(self, at: FloatArray, dragged: Callable[[FloatArray, str, float], None]) -> None:
+        """Show it at a point (3,). ``dragged`` is posted with each place, ``update`` or ``end``,
+        and the time at which it was received [s]."""
+        self.dragged = dragged
+        name, still = f"{self.stage.root}/handle", {"disable_rotations": True, "depth_test": False}
+        self.gizmo = self.stage.api.add_transform_controls(name, scale=0.12, position=at, **still)
+
+        async def moved(event: Any) -> None:  # in order: viser awaits it
+            if event.phase != "start":
+                self.drag(np.array(event.target.position), event.phase, time.perf_counter())
+
+        self.gizmo.on_update(moved)
+
+    def drag(self, at: FloatArray, phase: str, since: float) -> None:
+        """Post the move to a point (3,); called from viser's thread."""
+        if (act := self.dragged) is None:
+            return
+        if phase == "end":
+            self.worker.drop("drag")
+        kind = "drag" if phase == "update" else "dropped"
+        self.worker.post(kind, lambda: act(at, phase, since))
+
+    def release(self) -> None:
+        """Remove it."""
+        self.dragged = None
+        if self.gizmo is not None:
+            self.gizmo.remove()
+            self.gizmo = None
 
 
 Job = Callable[[], None]

@@ -13,9 +13,7 @@ for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
   for (const name of ['drawArrays', 'drawElements', 'drawArraysInstanced', 'drawElementsInstanced'])
     kind.prototype[name] = () => {};
 """
-"""Solids are not drawn, which takes the processor a second a picture; all else of a tab is there.
-Views are looked at in tabs that draw: their sizes come late there, as on a small machine.
-"""
+"""Solids are not drawn, which takes the processor a second a picture; all else is there."""
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +21,7 @@ def opener(
     chromium: Any, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., Opened]]:
     """Opens pages of a source; they are closed after the module's tests."""
-    from optipromp_page.panel import Page
+    from optipromp_page.panel import Page, Panel
 
     pages: list[Any] = []
     tabs: list[Any] = []
@@ -32,24 +30,24 @@ def opener(
         source: Any = None,
         page: Any = None,
         out: Path | None = None,
-        draws: bool = False,
         **screen: Any,
     ) -> Opened:
         if page is None:
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
             pages.append(page)
-        before, errors = set(page.windows), []
+        before, errors = {*page.windows.values()}, []
         tab = chromium.new_page(**({"viewport": SMALL} | screen))
         tabs.append(tab)
-        if not draws:
-            tab.add_init_script(UNDRAWN)
+        tab.add_init_script(UNDRAWN)
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(page.url)
         end = time.monotonic() + PATIENCE
-        while not (new := set(page.panels) - before):
+        while not (
+            new := {w for w in page.windows.values() if isinstance(w.panel, Panel)} - before
+        ):
             assert time.monotonic() < end, "the page does not connect"
             tab.wait_for_timeout(50)
-        opened = Opened(page, tab, page.windows[new.pop()], errors)
+        opened = Opened(page, tab, new.pop(), errors)
         opened.settle()
         return opened
 

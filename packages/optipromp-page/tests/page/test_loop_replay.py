@@ -51,8 +51,8 @@ def test_tracks_path_and_stage_are_replayed_where_the_fruits_sway(opener, folder
         volume = np.prod(tracks.batched_scales, axis=1)
         np.testing.assert_allclose(volume, 8.0 * np.sqrt(np.linalg.det(covariance)), rtol=0.05)
         assert node("path ahead") is not None
-        assert f"go, plan {record.plans[row]}" in window.forces
-        assert record.why(now) in window.forces
+        assert f"go, plan {record.plans[row]}" in window.runs.forces
+        assert record.why(now) in window.runs.forces
         look = look_at(now)
         inset = opened.panel.replaying.sight.content
         assert inset.count("<circle") == 1 + len(look.detections)

@@ -69,14 +69,6 @@ def test_a_scene_that_was_seen_brings_its_picture_and_so_does_its_plan(tmp_path:
     assert open_source(str(folder)).seen is None  # that of the earlier plan is gone
 
 
-def test_the_cause_of_a_failure_is_placed() -> None:
-    scene = load_scene("scenario-1")
-    failed = plan(scene)
-    (table,) = scene.static
-    assert np.array_equal(content.culprit(scene, failed, None), table.position)
-    assert {violation.kind for violation in failed.judgement.violations} >= {"goal", "contact"}
-
-
 def test_the_bundle_ends_where_the_plan_does(made) -> None:
     found = content.initial_bundle(made)
     ends = made.robot.tool_pose(made.initial.positions[[0, -1]])[0]

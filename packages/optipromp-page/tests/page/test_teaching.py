@@ -1,7 +1,5 @@
 """The page on which fruits are clicked to teach the eyes, in a real browser."""
 
-import time
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -9,18 +7,11 @@ import pytest
 
 pytest.importorskip("viser")
 
-from tests.page.opened import PATIENCE
+from tests.page.opened import Opened
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp_eyes.teaching import Mark
 from optipromp_page.teaching import TeachingPage
-
-
-def until(tab: Any, holds: Callable[[], bool]) -> None:
-    end = time.monotonic() + PATIENCE
-    while not holds():
-        assert time.monotonic() < end
-        tab.wait_for_timeout(500)
 
 
 def test_clicks_are_marks_where_they_hit_the_picture_and_write_tells_what_is_wrong(
@@ -36,26 +27,27 @@ def test_clicks_are_marks_where_they_hit_the_picture_and_write_tells_what_is_wro
     try:
         tab = chromium.new_page(viewport={"width": 640, "height": 480})
         tab.goto(page.url)
+        until = Opened(page, tab, None, []).until
 
         def clicked() -> bool:  # a browser that still draws misses a click
             if not page.marks:
                 tab.mouse.click(220, 300)
             return bool(page.marks)
 
-        until(tab, clicked)
+        until(clicked, "no click arrives")
         scale = 0.5 * 480 / np.tan(np.deg2rad(37.5)) / 1.1 / 240  # [pixel] of a pixel; 75 degrees
         expected = 159.5 + (220 - 320) / scale, 119.5 + (300 - 240) / scale
         assert page.marks[0].picture == "a"
         assert page.marks[0].box == pytest.approx(2 * expected, abs=2.0)
         tab.get_by_role("button", name="Write").dispatch_event("click")
-        until(tab, lambda: "0 stems are marked" in tab.content())
+        until(lambda: "0 stems are marked" in tab.content(), "it does not answer")
         page.kind.value = "stem"
         page.picture.value = "b"
         page.click((0.0, 0.0, -1.1), (0.0, 0.0, 1.0))
         assert page.marks[-1] == Mark("b", "stem", (159.5, 119.5, 159.5, 119.5))
         page.click((0.0, 0.0, -1.1), (0.3, 0.0, 1.0))
         tab.get_by_role("button", name="Undo").dispatch_event("click")
-        until(tab, lambda: page.marks[-1].box[0] == 159.5)
+        until(lambda: page.marks[-1].box[0] == 159.5, "it does not answer")
         tab.get_by_role("button", name="Write").dispatch_event("click")
         assert page.result() == len(page.marks)
         tab.close()

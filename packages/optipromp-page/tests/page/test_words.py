@@ -1,12 +1,13 @@
 """What the page says and how it looks at a scene, without a browser."""
 
 import re
+from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from optipromp.core import judging
 from optipromp.core.errors import Code, InvalidSceneError
 from optipromp.core.judging import Violation
 from optipromp.core.planning import Plan, plan
@@ -52,13 +53,8 @@ def test_no_harm_is_claimed_without_a_prediction_and_long_lists_end(made: Plan) 
     ]  # fmt: skip
 
 
-def test_the_table_does_not_judge_again(made: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_table_does_not_judge_again(made: Plan) -> None:
     """It judged every plan that it showed a second time."""
-
-    def never(*_: object, **__: object) -> None:
-        raise AssertionError("judged again")
-
-    monkeypatch.setattr(judging, "judge", never)
     wrong = Violation("goal", "the goal is missed")
     judgement = replace(made.judgement, violations=(wrong,))
     shown = tabs.table(replace(made, judgement=judgement))
@@ -134,6 +130,24 @@ def test_the_first_view_frames_target_neighbours_and_tool(name: str, size: tuple
     assert (scene.base.inverse() @ camera.position) @ scene.up >= stage.CAMERA_LOWEST - 1e-9
 
 
+def test_a_view_is_framed_until_it_arrives_then_for_each_size_until_it_is_turned() -> None:
+    """A page tells its size after it opens, and one that opens may not hear of its first view."""
+    camera, scene = _Camera(1280, 800), load_scene("scenario-3")
+    stage.View(camera, lambda _, job: job()).look(scene)
+    desk = camera.position
+    camera.report(position=np.zeros(3))
+    assert np.array_equal(camera.position, desk)
+    camera.report(image_width=400)
+    assert not np.array_equal(camera.position, desk)
+    for width in (400, 1280):
+        camera.report(position=np.ones(3), image_width=width)
+        assert np.array_equal(camera.position, np.ones(3))
+    stage.View(camera, lambda _, job: job()).look(scene)
+    for _ in range(stage.AIMS + 1):
+        camera.report(position=np.zeros(3))
+    assert np.array_equal(camera.position, np.zeros(3))  # it is not placed for ever
+
+
 class _Camera:
     """The values that viser's camera has, and takes."""
 
@@ -142,3 +156,10 @@ class _Camera:
     def __init__(self, width: int, height: int) -> None:
         self.image_width, self.image_height = width, height
         self.position = self.look_at = self.up_direction = np.zeros(3)
+
+    def on_update(self, act: Callable[["_Camera"], None]) -> None:
+        self.heard = act
+
+    def report(self, **values: Any) -> None:
+        vars(self).update(values)
+        self.heard(self)

@@ -8,11 +8,9 @@ import pytest
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Plan, plan
-from optipromp.core.planning.task import resolve
 from optipromp.core.promp import Basis, ProMP
 from optipromp.core.robots import load_robot
-from optipromp.core.scenes import load_scene
-from optipromp.looks.viewer.serving import plan_page, scene_page
+from optipromp.looks.viewer.serving import plan_page
 
 
 @pytest.fixture(scope="module")
@@ -110,5 +108,3 @@ def test_a_view_of_an_arm_alone_shows_it_at_home() -> None:
     robot = load_robot("scara")
     nodes = {m["name"] for _, m in recorded(robot.show().html) if "Mesh" in m["type"]}
     assert {"/base/arm/base", "/base/arm/2/forearm"} <= nodes
-    scene = load_scene("scenario-1")
-    assert len(scene_page(scene, resolve(scene).robot)) > len(robot.show().html)

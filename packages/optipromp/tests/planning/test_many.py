@@ -158,7 +158,7 @@ def test_a_helper_that_is_killed_costs_at_most_its_own_scene() -> None:
         if len(heard) == 10:  # they plan
             os.kill(multiprocessing.active_children()[0].pid or 0, signal.SIGKILL)
 
-    scenes = [generate("cluster", seed) for seed in range(8)] * 12
+    scenes = [generate("cluster", seed) for seed in range(8)] * 4
     with pytest.warns(RuntimeWarning, match="helper process"):
         results = plan_many(scenes, workers=2, progress=kill)
     lost = [result for result in results if not isinstance(result, Plan)]

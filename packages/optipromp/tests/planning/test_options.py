@@ -127,12 +127,9 @@ def test_waypoints_and_duration_are_what_was_asked_for(planned: Planned) -> None
         assert result.metrics.duration == pytest.approx(8.0)
 
 
-@pytest.mark.parametrize(("scene", "count"), [("scenario-3", 3), ("scenario-4", 4)])
-def test_few_waypoints_leave_constraint_1_nothing_and_the_stages_plan(
-    scene: str, count: int
-) -> None:
-    result = plan(scene, planner=Paper(constraints="push-model", waypoints=count))
-    assert result.trajectory.n_waypoints == count
+def test_few_waypoints_leave_constraint_1_nothing_and_the_stages_plan() -> None:
+    result = plan("scenario-4", planner=Paper(constraints="push-model", waypoints=4))
+    assert result.trajectory.n_waypoints == 4
     assert {stage.name for stage in result.stages} == {"push", "collision"}
     assert not result.success  # so few cannot pass the fruits; the judge says so
 

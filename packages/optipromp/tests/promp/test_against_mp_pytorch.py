@@ -5,9 +5,6 @@ import pytest
 
 from optipromp.core.promp import Basis, ProMP
 
-torch = pytest.importorskip("torch", reason="torch not installed")
-library = pytest.importorskip("mp_pytorch.mp", reason="mp_pytorch not installed")
-
 INSIDE, N, STEPS, DURATION = 6, 3, 41, 2.0
 
 
@@ -15,6 +12,8 @@ INSIDE, N, STEPS, DURATION = 6, 3, 41, 2.0
 @pytest.mark.parametrize("width", [2, 4, 5])
 def test_the_same_weights_give_the_same_distribution(outside: int, width: int) -> None:
     """Mean and standard deviation of the positions, to 1e-10."""
+    torch = pytest.importorskip("torch", reason="torch not installed")  # takes seconds
+    library = pytest.importorskip("mp_pytorch.mp", reason="mp_pytorch not installed")
     count = INSIDE + 2 * outside
     rng = np.random.default_rng(outside)
     factor = np.tril(rng.normal(size=(N * count, N * count)))

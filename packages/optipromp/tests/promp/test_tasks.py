@@ -96,13 +96,12 @@ def test_order_does_not_matter(arm: TaskMap, arm_promp: ProMP, seed: int) -> Non
     np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-6)
 
 
-@pytest.mark.parametrize("seed", range(2))
-def test_finds_the_most_probable(arm: TaskMap, arm_promp: ProMP, seed: int) -> None:
+def test_finds_the_most_probable(arm: TaskMap, arm_promp: ProMP) -> None:
     """Against L-BFGS-B on the weights themselves, to the 0.1 % a step at which it stops."""
-    factor = 0.05 * np.random.default_rng(seed).normal(size=(3, 3))
+    factor = 0.05 * np.random.default_rng(0).normal(size=(3, 3))
     points = [
         TaskPoint(p.phase, p.position, p.axis, factor @ factor.T + 1e-4 * np.eye(3), 1e-2)
-        for p in reachable(arm_promp, arm, seed, 1.0)
+        for p in reachable(arm_promp, arm, 0, 1.0)
     ]
     precision = np.linalg.inv(arm_promp.covariance)
     noise = [np.linalg.inv(np.asarray(p.covariance)) for p in points]

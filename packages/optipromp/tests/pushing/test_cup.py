@@ -91,15 +91,15 @@ def test_the_flange_is_where_the_last_link_is(tool: Cup | FrankaHand) -> None:
     along, across = away @ robot.tool_axis, away @ np.linalg.svd(robot.tool_axis[None])[2][1:].T
     steps, reach, height = np.linspace(0.0, 0.15, 301), [], []
 
-    def tops(at: np.ndarray) -> np.ndarray:
-        """Where the ray along the axis from ``at`` (2,) leaves each sphere; nan: it misses it."""
-        off = np.minimum(np.linalg.norm(across - at, axis=1) / size, 1.0)
-        return np.where(off < 1.0, along + size * np.sqrt(1.0 - off**2), np.nan)
+    def top_of(at: np.ndarray) -> np.ndarray:
+        """Where rays along the axis from ``at`` (N, 2) leave the spheres (N,); -inf: they miss."""
+        off = np.minimum(np.linalg.norm(across - at[:, None], axis=2) / size, 1.0)
+        return np.where(off < 1.0, along + size * np.sqrt(1.0 - off**2), -np.inf).max(axis=1)
 
     for angle in np.linspace(0.0, 2.0 * np.pi, 50):
-        toward = np.array([np.cos(angle), np.sin(angle)])
-        reach.append(max(s for s in steps if np.isfinite(tops(s * toward)).any()))
-        height.append(np.nanmax(tops(0.7 * radius * toward)))
+        toward = np.array([[np.cos(angle), np.sin(angle)]])
+        reach.append(steps[np.isfinite(top_of(steps[:, None] * toward))].max())
+        height.append(top_of(0.7 * radius * toward)[0])
     assert radius == pytest.approx(np.median(reach), abs=1.5e-3)
     assert top == pytest.approx(np.median(height), abs=1.5e-3)
     assert top < -tool.reach + 0.02

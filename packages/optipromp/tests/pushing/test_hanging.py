@@ -71,7 +71,7 @@ def test_a_fruit_on_the_way_is_swallowed_and_named() -> None:
 def test_one_state_in_longer_steps_tells_good_candidates_from_bad_ones() -> None:
     """Good and bad by all states in short steps; steps of 2 mm tell them apart no better (0.85)."""
     right: list[float] = []
-    for seed in range(100, 104):
+    for seed in (100, 101):
         for preset in ("cluster", "side-clusters", "mixed"):
             task = resolve(generate(preset, seed))  # type: ignore[arg-type]
             a, rng = task.push_model(task.robot.home), np.random.default_rng(seed)
