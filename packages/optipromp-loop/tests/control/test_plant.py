@@ -14,8 +14,8 @@ from optipromp_loop.control.driver import (
     MOVED,
     Route,
     appeared,
-    changed,
     displaced,
+    moved_by,
     pushed_by,
     target_row,
     tracked_scene,
@@ -72,7 +72,7 @@ def test_a_common_motion_is_no_change_of_the_fruits_against_each_other() -> None
     assert rows == [0, 1, 2]
     np.testing.assert_allclose(places, [item.position for item in FRUITS])
     np.testing.assert_allclose(moved[:, 0], 0.004, atol=0.003)
-    assert changed(SCENE, tracked) < 0.001
+    assert moved_by(SCENE, tracked, apart=True) < 0.001
     bare = tracked_scene(SCENE, tracked, moved.mean(axis=0))
     for before, after in zip(FRUITS, bare.objects, strict=True):
         assert np.linalg.norm(after.position - before.position) < 0.001
@@ -81,7 +81,7 @@ def test_a_common_motion_is_no_change_of_the_fruits_against_each_other() -> None
 def test_a_new_fruit_is_a_change() -> None:
     fewer = replace(SCENE, objects=FRUITS[:2])
     tracked = looked("ripe", "n1", "n2").at(1.0)
-    assert changed(fewer, tracked) == np.inf
+    assert moved_by(fewer, tracked) == np.inf
     assert appeared(fewer, tracked) == ["n2"]
     assert appeared(SCENE, tracked) == []
 
@@ -94,7 +94,7 @@ def test_the_stiffness_of_stems_is_learnt_from_the_force_on_the_tool(true: float
     compliance = stems(heavy, UP, np.full(2, true)).compliance[:, -1, -1]
     force = -(away / compliance[:, None]).sum(axis=0)
     for _ in range(20):
-        belief = belief.after(by_wrench([(f, away) for f in heavy], 1.0, force, UP, sharp))
+        belief = belief.after(by_wrench([(f, away) for f in heavy], force, UP, sharp))
     assert belief.factor == pytest.approx(true, rel=0.35)  # the grid's step is 1.5
     assert belief.spread < Stiffness.prior().spread
     told = belief.told(heavy[0], UP)
@@ -125,5 +125,5 @@ def test_a_push_is_told_of_the_fruits_that_it_moves() -> None:
             assert whole[item.id] == pytest.approx(places[item.id] - item.position, abs=2e-3)
     half = pushed_by(route, 0.5 * (route.approach + route.duration))
     assert set(half) <= {item.id for item in made.scene.pushables}
-    back = Route.back(made.robot, made.trajectory, made.scene)
+    back = Route.along(made.robot, made.trajectory, made.scene)
     assert pushed_by(back, route.duration) == {}

@@ -14,7 +14,8 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
+from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import DETECTORS, Detector, Eye, Simulation
 from optipromp_sim.simulation.detector import Truth

@@ -32,8 +32,9 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_eyes.watcher import Watcher
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.driver import without_fruits
+from optipromp_loop.control.stages import LoopStage
 from optipromp_ros import live, trajectories
 from optipromp_ros.images import PICTURES, Pictures
 from optipromp_ros.scenes import read_quaternion, vector

@@ -8,8 +8,9 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.look import Look
 from optipromp.core.trajectory import State
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.parameters import LoopParameters
+from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import Detector, Eye, Loop, SimulatedArm, Simulation, closed_loop
 from optipromp_sim.simulation.detector import Truth

@@ -12,6 +12,7 @@ class LoopParameters(Checked):
     period: float = parameter(0.02, "s", "choice", "of a cycle: 50 Hz")
     lead: float = parameter(0.02, "s", "choice", "from a cycle to the takeover of its curve")
     slice_steps: int = parameter(6, "1", "measured", "of a search in a cycle; one takes 1 ms")
+    standing_steps: int = parameter(16, "1", "choice", "of a search while the arm stands")
     slice_seconds: float = parameter(0.008, "s", "choice", "that a search gets in a cycle")
     allowance: float = parameter(0.12, "s", "choice", "from a search in motion to where it begins")
     first_look: float = parameter(0.4, "s", "choice", "of looking from the start before a plan")
@@ -22,8 +23,8 @@ class LoopParameters(Checked):
     views: tuple[float, ...] = parameter((25.0, 50.0), "deg", "choice", "turns to four sides")
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
     tries: int = parameter(3, "1", "choice", "looks again, after a retreat or a refused plan")
-    accepted: float = parameter(2.5, "1", "choice", "harm over that of a success, on the last try")
-    hopeless: float = parameter(4.2, "1", "choice", "the same of a push that is broken off")
+    # of the rest of a pick over that of a success: underway nothing else is compared below
+    budget: float = parameter(1.0, "1", "choice", "the promise that was made; harm")
     checked: float = parameter(0.1, "s", "choice", "between two predictions of a push, at least")
     changed: float = parameter(0.002, "m", "choice", "motion of a fruit that asks for a prediction")
     still: float = parameter(2e-4, "m", "choice", "of the path: below, the running curve goes on")
@@ -56,7 +57,6 @@ class LoopParameters(Checked):
     remembered: float = parameter(4.0, "s", "choice", "of the arm's motion, for looks")
     fall: float = parameter(0.4, "m/s", "choice", "downwards, above that of a plant: it falls")
     dropped: float = parameter(0.02, "m", "choice", "of the target below its place, likewise")
-    restless: float = parameter(0.005, "m", "choice", "swing above which accepted is 1")
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 

@@ -10,20 +10,21 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.errors import Code, ExecutionError, InvalidRequestError, OptiPrompError
+from optipromp.core.errors import ExecutionError, InvalidRequestError, OptiPrompError
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.planning import Plan
-from optipromp.core.planning.legs import Picked, brought, led_out
-from optipromp.core.planning.result import AFTER, CARRY
-from optipromp.core.planning.task import posed, resolve
+from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.leg_tasks import carried
+from optipromp.core.planning.legs import Picked
+from optipromp.core.planning.result import AFTER, CARRY, REACH, RETREAT
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import Shown
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.looks.viewer.serving import FRAME_RATE, FRAMES, REST, recording
-from optipromp_loop.control.controller import Controller, LoopStage
-from optipromp_loop.control.driver import path_back, target_row, tracked_scene
+from optipromp_loop.control.controller import Controller
+from optipromp_loop.control.stages import LoopStage
 from optipromp_loop.control.tracker import Tracked
 from optipromp_sim.simulation.detector import Detector, Eye, Truth
 from optipromp_sim.simulation.engine import engine
@@ -213,38 +214,23 @@ def go_on(
 
 
 def bring(
-    simulation: Simulation, controller: Controller, q: FloatArray, done: tuple[Rollout, Outcome]
+    simulation: Simulation, controller: Controller, rollout: Rollout, outcome: Outcome
 ) -> tuple[Rollout, Outcome, Picked | None]:
-    """Retreat and carry after a reach in closed loop, in the scene as it is tracked by then.
+    """The carry after a pick in closed loop, planned from where the arm is by then.
 
-    Without a place the arm leaves by the retreat of least harm, whatever its harm.
-
-    ``q``: (k, n) commanded configurations of the reach from its last plan on. ``done``: records and
-    judgement of the reach.
-
-    Returns: Records and judgement of the whole, and the pick; None where the reach did not succeed.
+    Returns: Records and judgement of the whole, and the reach with the carry; None without one.
     """
-    rollout, outcome = done
-    leaves = controller.scene.place is None
-    if not (outcome.success and controller.plans):
-        return rollout, replace(outcome, placed=None if leaves else False), None
-    made, robot = controller.plans[-1], controller.robot
-    tracked = controller.tracker.at(simulation.time)
-    seen = target_row(tracked) is not None
-    scene = tracked_scene(controller.scene, tracked) if seen else made.scene
-    curve = path_back(robot, q, controller.parameters.retreat_speed)
-    task = replace(resolve(scene, robot, State(curve.positions[0])), risk=made.risk)
-    reach: Plan = replace(
-        made, task=task, status=Code.SUCCESS, reason="executed in closed loop", notes=(),
-        trajectory=curve, initial=curve, followed=curve, first=0,
-    )  # fmt: skip
+    place = controller.scene.place
+    if place is None or not (outcome.success and controller.holding):
+        return rollout, replace(outcome, placed=None if place is None else False), None
+    legs = controller.picks[-1].legs
+    scene, robot = carried(legs[RETREAT], place)
     try:
-        picked = brought(led_out(reach))
+        made = plan(replace(scene, start=simulation.reference.q), robot=robot)
     except OptiPrompError as error:
-        if leaves:
-            return rollout, outcome, None
         return rollout, _unplaced(outcome, f"no way to the place: {error.message}"), None
-    return *go_on(simulation, picked, rollout, outcome, failed_leg=leaves), picked
+    picked = Picked({REACH: legs[REACH], CARRY: made})
+    return *go_on(simulation, picked, rollout, outcome), picked
 
 
 def _unplaced(outcome: Outcome, why: str) -> Outcome:
@@ -352,7 +338,7 @@ class Loop:
         trace: see :class:`Trace`.
         controller: with its events and its tracker.
         detector: the camera.
-        picked: reach, retreat and, in a scene with a place, carry after a reach that succeeded.
+        picked: in a scene with a place, the reach and the carry after a pick.
     """
 
     run: Run
@@ -370,12 +356,12 @@ class Loop:
 
 
 def closed_loop(
-    simulation: Simulation, controller: Controller, eye: Eye, *, wrench: bool = False
+    simulation: Simulation, controller: Controller, eye: Eye, *, wrench: bool = True
 ) -> Loop:
     """Let the controller pick in the simulation until it ends, and judge what happened.
 
-    After a pick, the retreat of :func:`optipromp.plan_pick` follows, in a scene with a place the
-    carry, too, planned from where the arm is by then and executed without looks.
+    In a scene with a place the carry follows, planned from where the arm is by then and executed
+    without looks.
 
     Args:
         simulation: of the true scene, with its disturbances.
@@ -421,14 +407,9 @@ def closed_loop(
                 state = simulation.step(reference)
         except ExecutionError:  # the outcome tells of it
             break
-    moved = simulation.time
-    outcome, rollout, picked = simulation.outcome(), simulation.rollout(moved), None
-    if outcome.picked is not None and controller.robot.tool is not None and not gripped:
-        set_out = max((e.time for e in controller.events if e.stage is LoopStage.GO), default=0.0)
-        q = rollout.reference[rollout.times >= set_out]
-        q = np.vstack([q, simulation.reference.q])
-        done = rollout, outcome
-        rollout, outcome, picked = bring(simulation, controller, q, done)
+    rollout, outcome, picked = bring(
+        simulation, controller, simulation.rollout(simulation.time), simulation.outcome()
+    )
     run = Run(
         simulation.scene, simulation.robot, simulation.parameters, simulation.seed,
         rollout, outcome, time.perf_counter() - began,
