@@ -386,7 +386,7 @@ def test_an_error_of_the_program_is_not_hidden(
 def test_a_pick_whose_promise_breaks_gives_way_to_another_or_leaves(
     scene: Scene, budget: float, after: list[LoopStage]
 ) -> None:
-    """As the tool sets out, looks show a fruit below the target; without a budget of harm it leaves."""
+    """As the tool sets out, a fruit is below the target; without a budget of harm it leaves."""
     begun = list[bool]()
 
     def shown(looks: tuple[Look, ...]) -> Iterable[Look]:

@@ -46,7 +46,7 @@ class Source:
         self.before = self.simulation.state()
         for _ in range(round(self.simulation.parameters.engine.settle / self.simulation.tick)):
             self.simulation.step(State(self.before.q))
-        self.began, self.apart, self.gripped = self.simulation.time, 0.0, False
+        self.began, self.apart = self.simulation.time, 0.0
 
     def __call__(self, now: float, measured: State, reference: State) -> Stretch | None:
         simulation, controller, before = self.simulation, self.controller, self.before
@@ -62,11 +62,8 @@ class Source:
         for look in self.eye.delivered(now):
             controller.see(look)
         stretch = controller(now, measured, reference)
-        target = simulation.scene.target
-        if controller.holding and not self.gripped and target is not None:
-            self.gripped = True
-            if target.id in simulation.held():
-                simulation.grip()
+        if controller.holding:
+            simulation.close()
         return stretch
 
 

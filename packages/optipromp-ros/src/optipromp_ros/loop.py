@@ -307,6 +307,7 @@ class PickLoop:
         told = {
             "stage": str(loop.stage),
             "fruits": str(count),
+            "gripper": "close" if loop.holding else "open",
             "tries left": str(loop.tries),
             "camera": loop.noticed[-1].why if loop.noticed else "",
             "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",

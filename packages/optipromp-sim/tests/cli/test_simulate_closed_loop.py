@@ -127,7 +127,6 @@ def test_fruits_that_hang_aside_are_missed_by_an_open_loop(tmp_path):
     ("arguments", "words"),
     [
         (["scenario-3", "--latency", "0.1", "--noise", "detector"], "--noise, --latency: only"),
-        (["scenario-3", "--looks-only"], "--looks-only: only with --closed-loop"),
         (["scenario-3", "--camera", "hand"], "--camera: only with --closed-loop"),
         (["scenario-3", "--closed-loop", "--planner", "promp"], "--planner: not with"),
         (["scenario-3", "--closed-loop", "--speed", "0.2"], "--speed: not with"),

@@ -18,7 +18,7 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import rooted
-from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
 from optipromp_loop.control.stiffness import Stiffness
@@ -174,14 +174,37 @@ def tracked_scene(
     that of ``base``.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
-    grown = {item.id: item.stem for item in base.objects if item.stem is not None}
-    seen = [_as_grown(item, grown.get(item.id)) for item in tracked.objects()]
+    told = {item.id: item for item in base.objects if item.stem is not None}
+    seen = tracked.objects()
+    by = [item.position - told[item.id].position for item in seen if item.id in told]
+    common = np.median(by, axis=0) if by else np.zeros(3)
+    if float(np.linalg.norm(common)) <= CONTROL.settled:  # they hang where they were told
+        common = np.zeros(3)
+    seen = tuple(_as_told(item, told.get(item.id), common) for item in seen)
     if stems is not None:
-        seen = [stems.told(item, base.up) for item in seen]
+        seen = tuple(stems.told(item, base.up) for item in seen)
     if offset is not None:
-        seen = [item.shifted(-offset) for item in seen]
+        seen = tuple(item.shifted(-offset) for item in seen)
     start = base.start if start is None else start
     return replace(base, objects=rooted([*still, *seen]), goal=None, start=start)
+
+
+def _as_told(item: SceneObject, told: SceneObject | None, common: FloatArray) -> SceneObject:
+    """A tracked fruit with what a scene told of it, as far as the looks confirm that.
+
+    A fruit that was told surely and hangs where it was told, beside what all fruits have moved in
+    ``common`` (3,) [m], stays as it was told. Of other fruits, a stem that is bent or grows from
+    another is kept, shifted with its fruit.
+    """
+    if told is None or told.stem is None or item.stem is None:
+        return item
+    moved = item.position - told.position
+    if told.covariance is None and float(np.linalg.norm(moved - common)) <= CONTROL.settled:
+        return replace(told.shifted(common), role=item.role)
+    points = item.stem.points
+    if len(told.stem.points) > 2:
+        points = told.stem.points + (item.position - told.stem.points[0])
+    return replace(item, stem=replace(item.stem, points=points, parent=told.stem.parent))
 
 
 def tracked_at_most(scene: Scene, most: int) -> Scene:
@@ -201,19 +224,6 @@ def first_tracks(scene: Scene, known: float) -> list[SceneObject]:
     assumed = known**2 * np.eye(3)
     fruits = (item for item in scene.objects if item.role in ("target", "pushable"))
     return [o if o.covariance is not None else replace(o, covariance=assumed) for o in fruits]
-
-
-def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
-    """A tracked fruit on the stem that the scene states, where that is bent or grows from another.
-
-    A bent stem is shifted with its fruit.
-    """
-    if item.stem is None or known is None:
-        return item
-    points = item.stem.points
-    if len(known.points) > 2:
-        points = known.points + (item.position - known.points[0])
-    return replace(item, stem=replace(item.stem, points=points, parent=known.parent))
 
 
 def target_row(tracked: Tracked) -> int | None:

@@ -23,8 +23,8 @@ class LoopParameters(Checked):
     views: tuple[float, ...] = parameter((25.0, 50.0), "deg", "choice", "turns to four sides")
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
     tries: int = parameter(3, "1", "choice", "looks again, after a retreat or a refused plan")
-    # of the rest of a pick over that of a success: underway nothing else is compared below
-    budget: float = parameter(1.0, "1", "choice", "the promise that was made; harm")
+    # of a pick that was a success: a harm that is predicted again varies by 0.1 to 0.5
+    budget: float = parameter(1.25, "1", "measured", "harm over that of a success, predicted again")
     checked: float = parameter(0.1, "s", "choice", "between two predictions of a push, at least")
     changed: float = parameter(0.002, "m", "choice", "motion of a fruit that asks for a prediction")
     still: float = parameter(2e-4, "m", "choice", "of the path: below, the running curve goes on")

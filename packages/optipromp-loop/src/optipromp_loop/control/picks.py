@@ -16,7 +16,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import Picked, Plan, plan
 from optipromp.core.planning.leg_tasks import full_model, held
-from optipromp.core.planning.legs import led_out, plan_whole
+from optipromp.core.planning.legs import led_out, plan_whole, takes
 from optipromp.core.planning.options import DEFAULTS
 from optipromp.core.planning.result import REACH, RETREAT
 from optipromp.core.planning.task import resolve, spaced
@@ -25,7 +25,7 @@ from optipromp.core.planning.verdict import deciding
 from optipromp.core.planning.ways import ways_out
 from optipromp.core.pushing.stems.hanging import Leaving
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Approach, Scene
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control.driver import Displacement
 
@@ -42,24 +42,40 @@ def excess(legs: Picked) -> float:
 
 
 def committed(
-    scene: Scene, robot: Robot, seed: int, kept: Approach | None = None
+    scene: Scene, robot: Robot, seed: int, before: Picked | None = None, budget: float = 1.0
 ) -> Picked | OptiPrompError:
     """The pick in a scene whose start is where the arm stands; or why there is none.
 
-    ``kept``: the approach to try first. A pick that fails is returned too.
+    ``before``: a pick whose approach, and in it whose tool path, is tried first; ``budget``: the
+    most harm with which it is kept, over what a success may do. A pick that fails is returned too.
     """
-    scenes = [scene]
-    if kept is not None and kept is not scene.approach:
-        scenes.insert(0, replace(scene, approach=replace(kept, cone=0.0, aside=0.0)))
     try:
-        for one in scenes:
-            made = plan_whole(one, robot=robot, seed=seed, unhurried=True)
-            found = made if isinstance(made, Picked) else Picked({REACH: made})
-            if found.success:
-                break
+        if before is not None:
+            reach = before.reach
+            seen = replace(scene, approach=reach.scene.approach)
+            found = _continued(
+                before, seen, float(reach.trajectory.times[reach.first]), scene.start
+            )
+            if found.success or (before.success and excess(found) <= budget):
+                return found
+        made = plan_whole(scene, robot=robot, seed=seed, unhurried=True)
     except OptiPrompError as error:
         return error
-    return found
+    return made if isinstance(made, Picked) else Picked({REACH: made})
+
+
+def _continued(before: Picked, scene: Scene, at: float, start: FloatArray | None = None) -> Picked:
+    """The pick that goes on from a time ``at`` of a reach [s]: by its path, or by another one.
+
+    ``start``: (n,) where the arm stands by then; None: it is in motion on its curve.
+    """
+    reach = before.reach
+    made = plan(
+        scene, robot=reach.robot, seed=reach.seed, unhurried=True, previous=reach, at=at,
+        start_state=None if start is None else State(start), unpushed=True,
+    )  # fmt: skip
+    leaves = RETREAT in before.legs or takes(scene, reach.robot)
+    return Picked(led_out(made) if leaves and made.valid else {REACH: made})
 
 
 def to_camera_point(reach: Plan) -> Trajectory | None:
@@ -132,11 +148,7 @@ def compared(pick: Picked, scene: Scene, at: float, passed: FloatArray) -> Choic
     reach = pick.reach
     leaving = min(harm for _, harm in ways_out(reach, passed))
     try:
-        made = plan(
-            scene, robot=reach.robot, seed=reach.seed, unhurried=True, previous=reach, at=at,
-            unpushed=True,
-        )  # fmt: skip
+        found = _continued(pick, scene, at)
     except OptiPrompError as error:
         return Choice(error, math.inf, leaving)
-    found = Picked(led_out(made) if RETREAT in pick.legs and made.valid else {REACH: made})
     return Choice(found, excess(found), leaving)

@@ -156,14 +156,16 @@ class Observe(Stage):
             if not self._knows(loop, now, tracked):
                 p = loop.parameters
                 longest = p.longest_look if self.views is None else p.look
-                longest = p.patient if self.refused is not None else longest
+                if self.refused is not None and self.views is None:
+                    longest = p.patient
                 late = now - self.since > longest
                 return self._elsewhere(loop, now, tracked) if late else (None, None)
             self.scene = driver.tracked_scene(
                 loop.scene, tracked, stems=loop.felt.known, start=loop.driver.state(now).q
             )
-            kept = loop.picks[-1].reach.scene.approach if loop.picks else None
-            self.job = Sliced(partial(committed, self.scene, loop.robot, loop.seed, kept))
+            before = loop.picks[-1] if loop.picks and self.near else None
+            work = partial(committed, self.scene, loop.robot, loop.seed, before)
+            self.job = Sliced(partial(work, loop.parameters.budget))
         made = self.worked(loop, standing=True)
         return (None, None) if made is None else self._made(loop, now, tracked, made)
 
@@ -181,7 +183,8 @@ class Observe(Stage):
             route = Route.along(loop.robot, ahead, made.reach.scene, ahead.duration)
             begun = loop.driver.set_out(route, now, tracked)
             return begun, Next(Travel(Observe(near=True), "at the camera point"), told)
-        if made.success:
+        kept = self.near and bool(loop.picks) and loop.picks[-1].success
+        if made.success or (kept and excess(made) <= loop.parameters.budget):
             loop.follow(made)
             return loop.driver.set_out(Route.of(made.reach), now, tracked), Next(Push(made), told)
         return None, self._again(loop, made.message)
@@ -248,7 +251,8 @@ class Travel(Stage):
             return None, Next(Observe(), "nothing leads onto the path")
         if drive.phase(begins) >= route.duration:
             return drive.brake(begins), Next(self.then, self.told)
-        if self.then.near and (new := driver.appeared(route.scene, tracked)):
+        known = route.scene.target is not None  # not on the way to another view
+        if known and (new := driver.appeared(route.scene, tracked)):
             return drive.brake(begins), Next(Observe(), f"seen on the way: {', '.join(new)}")
         return drive.go_on(now, tracked), None
 

@@ -253,7 +253,7 @@ def simulate(
         with waiting(f"picking in {(truth or seen).name} ..."):
             loop = pick(seen, truth, parameters, eyes, seed)
         further = loop_document(loop)
-        told = f"{further['loop']} loop: {loop.result}"
+        told = f"closed loop: {loop.result}"
         return _report(loop.run, told, further, (folder, leave(loop.run, loop=loop)))
     plan = _plan(scene_or_plan, planner, seed, arm.of(robot), reach)
     first, *later = legs_of(plan).values()

@@ -377,8 +377,7 @@ def closed_loop(
     reference = State(state.q)
     for _ in range(round(simulation.parameters.engine.settle / simulation.tick)):
         state = simulation.step(reference)
-    begin, gripped = simulation.time, False
-    target = None if simulation.scene.target is None else simulation.scene.target.id
+    begin = simulation.time
     while simulation.time < begin + LONGEST:
         now, fruits = simulation.time, simulation.fruits()
         eye.see(
@@ -390,10 +389,8 @@ def closed_loop(
         if wrench:
             controller.feel(simulation.wrench()[:3])
         stretch = controller(now, state, reference)
-        if controller.holding and not gripped:
-            gripped = True
-            if target in simulation.held():
-                simulation.grip()
+        if controller.holding:
+            simulation.close()
         if stretch is not None:
             line.coming.append(stretch)
             stretches.append(stretch)
