@@ -430,7 +430,7 @@ def test_the_shell_of_the_loop_carries_messages_both_ways(node: Node) -> None:
     assert curves[0].joint_names[0] == "fr3_joint1"
     assert begun < nanoseconds(curves[0].header.stamp) <= node.now
     assert states[0].message == "looking"
-    assert states[-1].values[0].value == "go"
+    assert states[-1].values[0].value == "travel"
     assert len(node.warnings) == 1
 
 

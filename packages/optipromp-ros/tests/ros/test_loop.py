@@ -153,11 +153,11 @@ def test_a_clock_that_is_set_stops_the_arm_and_the_pick_goes_on(shift: float, st
     words = f"the clock was set {way} by {abs(shift):.3f} s"
     begin, end = (ends(now for now, _, why in done.said if why == words) for ends in (min, max))
     assert begin == pytest.approx(done.begun + SET, abs=0.05)
-    assert end - begin < 0.3
+    assert end - begin < 0.5
     assert all((level == 1) == (why == words) for _, level, why in done.said)
     speed = dict(done.speeds)
     assert speed[begin] > 0.01
-    assert min(one for now, one in done.speeds if begin < now < begin + 0.2) == 0.0
+    assert min(one for now, one in done.speeds if begin < now < begin + 0.45) == 0.0
     assert max(done.joins) < 0.005  # where the next begins from what is measured
     assert max(done.away) < 0.05
     assert done.loop.controller.stage is LoopStage.DONE
@@ -173,7 +173,7 @@ def test_where_no_state_comes_the_arm_stops_on_its_curve() -> None:
     assert 0.08 < begin - SET < 0.16  # the last state and 0.1 s
     assert end == pytest.approx(SET + 1.0, abs=0.05)
     assert all((level == 1) == (why == "joint states are old") for _, level, why in done.said)
-    later = [one for now, one in done.speeds if begin + 0.2 < now - done.begun < end]
+    later = [one for now, one in done.speeds if begin + 0.45 < now - done.begun < end]
     assert max(later) == 0.0
     assert max(done.joins) < 1e-6
     assert done.outcome.success, done.outcome.message

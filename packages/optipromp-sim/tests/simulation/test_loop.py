@@ -24,7 +24,7 @@ def situation(name: str, seed: int) -> Situation:
 @pytest.fixture(scope="session")
 def noisy_pick() -> Loop:
     """A pick with zero-mean errors of the first scene and of all looks."""
-    return picked(situation("zero-mean", 101), 101)
+    return picked(situation("zero-mean", 102), 102)
 
 
 def assert_sound(loop: Loop) -> None:
@@ -72,7 +72,7 @@ def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
 
 
 def test_the_same_seed_gives_the_same_pick_to_the_bit(noisy_pick: Loop) -> None:
-    again = picked(situation("zero-mean", 101), 101)
+    again = picked(situation("zero-mean", 102), 102)
     assert again.controller.events == noisy_pick.controller.events
     assert repr(again.run.outcome) == repr(noisy_pick.run.outcome)
     for name, values in noisy_pick.run.rollout.arrays().items():
@@ -122,10 +122,10 @@ def test_a_target_whose_stem_breaks_ends_the_pick() -> None:
 
 def test_an_executor_follows_the_controller() -> None:
     """The contract of executors: no stretch is refused or comes too late."""
-    given = situation("zero-mean", 101)
-    arm = SimulatedArm(given.scene, parameters=given.parameters, seed=101)
+    given = situation("zero-mean", 102)
+    arm = SimulatedArm(given.scene, parameters=given.parameters, seed=102)
     controller = Controller(given.seen, robot=arm.robot)
-    eye = Eye(Detector(given.scene, arm.robot, given.detector, 101))
+    eye = Eye(Detector(given.scene, arm.robot, given.detector, 102))
 
     def source(now: float, measured: State, reference: State) -> Stretch | None:
         f = arm.simulation.fruits()
@@ -152,10 +152,10 @@ def test_in_a_simulation_too_the_arm_stands_while_no_look_comes() -> None:
             looks = super().delivered(now)
             return tuple(look for look in looks if not 1.5 < look.time < 4.5)
 
-    given = situation("zero-mean", 101)
+    given = situation("zero-mean", 102)
     controller = Controller(given.seen)
-    eye = Silent(Detector(given.scene, controller.robot, given.detector, 101))
-    done = closed_loop(Simulation(given.scene, 101, given.parameters), controller, eye)
+    eye = Silent(Detector(given.scene, controller.robot, given.detector, 102))
+    done = closed_loop(Simulation(given.scene, 102, given.parameters), controller, eye)
     said = [one for one in controller.noticed if one.why == "no look has come for 1 s"]
     assert len(said) == 1
     times, q = done.run.rollout.times, done.run.rollout.reference
@@ -169,10 +169,10 @@ def test_an_arm_that_cannot_follow_is_held_in_a_simulation_too(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr("optipromp_sim.simulation.execute.LONGEST", 3.0)
-    given = situation("zero-mean", 101)
+    given = situation("zero-mean", 102)
     controller = Controller(given.seen, parameters=LoopParameters(off_curve=1e-3))
-    eye = Eye(Detector(given.scene, controller.robot, given.detector, 101))
-    done = closed_loop(Simulation(given.scene, 101, given.parameters), controller, eye)
+    eye = Eye(Detector(given.scene, controller.robot, given.detector, 102))
+    done = closed_loop(Simulation(given.scene, 102, given.parameters), controller, eye)
     assert controller.lost
     assert "from the curve (at most 0.001)" in controller.fault
     held = done.run.rollout.times > controller.noticed[-1].time + 0.4

@@ -134,6 +134,7 @@ def loop_document(loop: "Loop") -> dict[str, Any]:
     return {
         "planner": "opti-promp",
         "plan_status": made[-1].status if made else None,
+        "loop": "closed",
         "result": loop.result,
         "stage": loop.stage,
         "decisions": [

@@ -218,7 +218,7 @@ def bring(
 ) -> tuple[Rollout, Outcome, Picked | None]:
     """The carry after a pick in closed loop, planned from where the arm is by then.
 
-    Returns: Records and judgement of the whole, and the reach with the carry; None without one.
+    Returns: Records and judgement of the whole, and the pick with this carry; None without one.
     """
     place = controller.scene.place
     if place is None or not (outcome.success and controller.holding):
@@ -229,8 +229,8 @@ def bring(
         made = plan(replace(scene, start=simulation.reference.q), robot=robot)
     except OptiPrompError as error:
         return rollout, _unplaced(outcome, f"no way to the place: {error.message}"), None
-    picked = Picked({REACH: legs[REACH], CARRY: made})
-    return *go_on(simulation, picked, rollout, outcome), picked
+    carry = Picked({REACH: legs[REACH], CARRY: made})
+    return *go_on(simulation, carry, rollout, outcome), Picked({**legs, CARRY: made})
 
 
 def _unplaced(outcome: Outcome, why: str) -> Outcome:
@@ -338,7 +338,7 @@ class Loop:
         trace: see :class:`Trace`.
         controller: with its events and its tracker.
         detector: the camera.
-        picked: in a scene with a place, the reach and the carry after a pick.
+        picked: in a scene with a place, the pick with the carry that was executed.
     """
 
     run: Run
