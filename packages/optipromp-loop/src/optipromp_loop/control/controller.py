@@ -10,24 +10,19 @@ from __future__ import annotations
 
 import math
 import time as wall
-from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.execution.streaming import Stretch
-from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.task import posed
 from optipromp.core.planning.warming import compile_once
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.control import driver
-from optipromp_loop.control.camera import CameraWatch
-from optipromp_loop.control.driver import Driver
+from optipromp_loop.control.common import Common
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
 from optipromp_loop.control.stages import (
     AFTER,
@@ -41,9 +36,6 @@ from optipromp_loop.control.stages import (
     Step,
     Take,
 )
-from optipromp_loop.control.stiffness import Felt
-from optipromp_loop.control.tracker import Tracked, Tracker
-from optipromp_loop.control.tracks import TrackerParameters
 
 
 @dataclass(frozen=True)
@@ -55,44 +47,7 @@ class Decision:
     why: str
 
 
-@dataclass
-class Log:
-    """What happened: all decisions, what was noticed, the fault that holds the arm."""
-
-    events: list[Decision] = field(default_factory=list)
-    noticed: list[Decision] = field(default_factory=list)
-    fault: str = ""
-    lost: bool = False
-
-
-@dataclass
-class Looks:
-    """The looks that wait for their time, and what is known of the newest.
-
-    Attributes:
-        inbox: that wait.
-        newest: time of the newest [s]; None: none has come.
-        came: when it came, or the first cycle began [s].
-        eye: (3,) place of the camera at it [m].
-    """
-
-    inbox: list[Look] = field(default_factory=list)
-    newest: float | None = None
-    came: float | None = None
-    eye: FloatArray | None = None
-
-    def due(self, time: float) -> Iterator[Look]:
-        """The looks whose time has come; looks may come late and out of order."""
-        due = [look for look in self.inbox if look.time <= time]
-        self.inbox = [look for look in self.inbox if look.time > time]
-        newest = max((look.time for look in due), default=-math.inf)
-        if self.came is None or newest > (-math.inf if self.newest is None else self.newest):
-            self.came = time
-            self.newest = newest if due else None
-        return iter(due)
-
-
-class Controller:
+class Controller(Common):
     """A closed loop for one pick.
 
     Args:
@@ -104,17 +59,12 @@ class Controller:
         real_time: whether a cycle's share of a search is cut by the clock as well as by its steps.
 
     Attributes:
-        tracker: of the fruits.
-        camera: that is checked against the arm's motion.
-        driver: of the arm.
-        felt: what the pushes so far told of the stems.
-        looks: that came.
-        log: see :class:`Log`.
+        events: all decisions so far.
+        noticed: what was noticed of the camera and of the target, each in the stage that it was in.
+        fault: why the arm is held where it is, whatever the stage; empty: it is not.
+        lost: whether that is for good, as the arm did not follow its curve.
         cycles: wall time of each cycle [s].
-        picks: that were committed to, the last one runs.
         doing: the stage.
-        tries: looks again that are left, after a retreat or a refused pick.
-        over: why there is no other try; empty: there may be one.
     """
 
     def __init__(
@@ -126,21 +76,12 @@ class Controller:
         parameters: LoopParameters = CONTROL,
         real_time: bool = False,
     ) -> None:
-        if moving := [item.id for item, _ in scene.movers if item.role != "pushable"]:
-            told = "a closed loop follows fruits alone; leave the motion out, or plan without one"
-            raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         compile_once()
-        self.robot, state = posed(scene, robot)
-        self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
-        self.seed, self.parameters = seed, parameters
-        self.slice_seconds = parameters.slice_seconds if real_time else math.inf
-        self.camera, self.looks, self.log = CameraWatch(self.robot, parameters), Looks(), Log()
-        first = driver.first_tracks(scene, parameters.known)
-        self.tracker = Tracker(scene, first=first, tool=self._mouth)
-        self.driver, self.felt = Driver(scene, self.robot, state, parameters), Felt(parameters)
+        limit = parameters.slice_seconds if real_time else math.inf
+        super().__init__(scene, robot, seed, replace(parameters, slice_seconds=limit))
         self.doing: Stage = Observe()
-        self.tries, self.over = parameters.tries, ""
-        self.picks, self.cycles = list[Picked](), list[float]()
+        self.events, self.noticed, self.cycles = list[Decision](), list[Decision](), list[float]()
+        self.fault, self.lost = "", False
 
     def see(self, look: Look) -> None:
         """Take a look in; looks may come late and out of order.
@@ -149,27 +90,10 @@ class Controller:
         """
         self.looks.inbox.append(look)
 
-    def feel(self, force: FloatArray) -> None:
-        """Take in the force (3,) of the world on the tool, without gravity, in the base frame [N].
-
-        For arms that report one, in every cycle.
-        """
-        self.felt.force = np.asarray(force, dtype=np.float64)
-
     @property
     def stage(self) -> LoopStage:
         """What the controller does now."""
         return self.doing.name
-
-    @property
-    def events(self) -> list[Decision]:
-        """All decisions so far."""
-        return self.log.events
-
-    @property
-    def noticed(self) -> list[Decision]:
-        """What was noticed of the camera and of the target, each in the stage that it was in."""
-        return self.log.noticed
 
     @property
     def history(self) -> list[Decision]:
@@ -177,39 +101,9 @@ class Controller:
         return sorted([*self.noticed, *self.events], key=lambda item: item.time)
 
     @property
-    def fault(self) -> str:
-        """Why the arm is held where it is, whatever the stage; empty: it is not."""
-        return self.log.fault
-
-    @property
-    def lost(self) -> bool:
-        """Whether it is held for good, as the arm did not follow its curve."""
-        return self.log.lost
-
-    @property
     def ended(self) -> bool:
         """Whether the controller is done with the pick, or gave up."""
         return self.stage in (LoopStage.DONE, LoopStage.GAVE_UP)
-
-    @property
-    def holding(self) -> bool:
-        """Whether the tool leaves with the target, or has left: a gripper may close."""
-        return self.driver.held
-
-    @property
-    def plans(self) -> list[Plan]:
-        """The reaches of the picks that were committed to."""
-        return [pick.reach for pick in self.picks]
-
-    @property
-    def known(self) -> bool:
-        """Whether fruits were known before the first look."""
-        return any(item.role in ("target", "pushable") for item in self.scene.objects)
-
-    @property
-    def leaves(self) -> bool:
-        """Whether the pick ends outside of the plant: a robot without a tool takes nothing out."""
-        return self.robot.tool is not None
 
     def __call__(self, time: float, measured: State, reference: State) -> Stretch | None:
         """One cycle: the stretch that takes over at ``time`` + ``parameters.lead``.
@@ -243,7 +137,7 @@ class Controller:
         elif time - self.looks.came > age:
             made = self._hold(time, f"no look has come for {age:g} s")
         else:
-            self.log.fault = ""
+            self.fault = ""
             made = self._entered(time, self._cycle(time))
         if made is None and not self.ended and self.driver.rests(time):
             made = self.driver.stand(time + self.parameters.lead)
@@ -274,10 +168,6 @@ class Controller:
         self.doing = after.stage
         self.events.append(Decision(now, self.stage, after.why))
 
-    def follow(self, pick: Picked) -> None:
-        """Commit to a pick."""
-        self.picks.append(pick)
-
     # -- holds
 
     def hold(self, time: float, why: str) -> Stretch | None:
@@ -301,7 +191,7 @@ class Controller:
     def _hold(self, now: float, why: str) -> Stretch | None:
         if why != self.fault:
             self._notice(now, why)
-        self.log.fault = why
+        self.fault = why
         self.doing.held(self, now, why)
         return self.driver.halt(now)
 
@@ -317,7 +207,7 @@ class Controller:
         """Come to rest from where the arm is, and wait for good: it does not follow."""
         if not self.lost:
             self._notice(now, why)
-            self.log.fault, self.log.lost = why, True
+            self.fault, self.lost = why, True
         self.doing.drop()
         fastest = self.robot.velocity
         state = State(measured.q, np.clip(measured.velocity, -fastest, fastest))
@@ -342,18 +232,11 @@ class Controller:
             self._notice(now, FALLS)
             self._enter(now, Next(Take(self.doing, fallen=True), FALLS))
         self.tracker.add(seen, pushed)
-        route = self.driver.route
-        if route is not None and pushed:
-            tracked, q = self.tracker.at(seen.time), self.driver.state(seen.time).q
-            self.felt.learn(route.scene, seen, tracked, pushed, self.robot.tool_pose(q)[0])
         if isinstance(self.doing, Observe):
             self.doing.seen += seen.time >= self.doing.since
 
     def _notice(self, now: float, what: str) -> None:
         self.noticed.append(Decision(now, self.stage, what))
-
-    def _mouth(self, time: float) -> FloatArray:
-        return driver.mouth_balls(self.robot, self.camera.configuration(time), self.looks.eye)
 
     def _pushed(self, time: float) -> dict[str, FloatArray]:
         """Displacement of each fruit by the tool at a ``time`` [s], as the push model predicts."""
@@ -361,17 +244,3 @@ class Controller:
         if route is None or not self.doing.among:
             return {}
         return driver.pushed_by(route, self.driver.phase(time))
-
-    def hidden(self, tracked: Tracked, since: float) -> dict[str, str | None]:
-        """The fruits that no look has shown ``since`` a time [s], and what hides each."""
-        return {} if self.looks.eye is None else driver.unseen(tracked, self.looks.eye, since)
-
-    def left_out(self, tracked: Tracked, since: float) -> str:
-        """In words, what a pick does not know: fruits out of sight, and those not tracked."""
-        told = ""
-        if missing := self.hidden(tracked, since):
-            names = (f"{a} (behind {b})" if b else a for a, b in missing.items())
-            told += f"; not seen from here: {', '.join(names)}"
-        if self.tracker.left:
-            told += f"; {self.tracker.left} that were seen are not tracked, as too many"
-        return told

@@ -21,7 +21,6 @@ from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
-from optipromp_loop.control.stiffness import Stiffness
 from optipromp_loop.control.tracker import Tracked
 
 TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
@@ -165,13 +164,12 @@ MOVED = 1e-4  # [m] of a predicted push, below which a fruit counts as free: a c
 
 def tracked_scene(
     base: Scene, tracked: Tracked, offset: FloatArray | None = None,
-    stems: Stiffness | None = None, start: FloatArray | None = None,
+    start: FloatArray | None = None,
 ) -> Scene:  # fmt: skip
     """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
 
-    ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what is
-    believed of their stiffness; None: as the push model assumes. ``start``: (n,) of the arm; None:
-    that of ``base``.
+    ``offset``: (3,) common displacement that is left out [m]; None: none. ``start``: (n,)
+    of the arm; None: that of ``base``.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
     told = {item.id: item for item in base.objects if item.stem is not None}
@@ -181,8 +179,6 @@ def tracked_scene(
     if float(np.linalg.norm(common)) <= CONTROL.settled:  # they hang where they were told
         common = np.zeros(3)
     seen = tuple(_as_told(item, told.get(item.id), common) for item in seen)
-    if stems is not None:
-        seen = tuple(stems.told(item, base.up) for item in seen)
     if offset is not None:
         seen = tuple(item.shifted(-offset) for item in seen)
     start = base.start if start is None else start

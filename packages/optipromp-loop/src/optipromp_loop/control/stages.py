@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from optipromp.core.planning.ways import ways_out
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control import driver
+from optipromp_loop.control.common import Common
 from optipromp_loop.control.driver import Displacement, Route
 from optipromp_loop.control.picks import (
     Choice,
@@ -37,9 +38,6 @@ from optipromp_loop.control.picks import (
 )
 from optipromp_loop.control.tracker import Tracked
 from optipromp_loop.control.views import views
-
-if TYPE_CHECKING:
-    from optipromp_loop.control.controller import Controller
 
 
 class LoopStage(StrEnum):
@@ -89,15 +87,15 @@ class Stage(ABC):
     job: Sliced[Any] | None = None
 
     @abstractmethod
-    def cycle(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         """One cycle at the time ``now`` [s], with the fruits as they are ``tracked``."""
 
-    def held(self, loop: Controller, now: float, why: str) -> Next | None:
+    def held(self, loop: Common, now: float, why: str) -> Next | None:
         """The arm comes to rest, for a fault outside of the stage; the stage that follows."""
         self.drop()
         return None
 
-    def ends(self, loop: Controller, now: float, why: str) -> Step:
+    def ends(self, loop: Common, now: float, why: str) -> Step:
         """The pick must not go on: away from the fruits the arm stands."""
         begins = now + loop.parameters.lead
         stop = None if loop.driver.rests(now) else loop.driver.brake(begins)
@@ -109,12 +107,12 @@ class Stage(ABC):
             self.job.drop()
             self.job = None
 
-    def worked(self, loop: Controller, standing: bool = False) -> Any:
+    def worked(self, loop: Common, standing: bool = False) -> Any:
         """The result of the job when it is done, else None; an arm that stands gives more time."""
         assert self.job is not None
         p = loop.parameters
         steps = p.standing_steps if standing else p.slice_steps
-        if not self.job.lend(steps, loop.slice_seconds * steps / p.slice_steps):
+        if not self.job.lend(steps, p.slice_seconds * steps / p.slice_steps):
             return None
         done, self.job = self.job, None
         return done.result()
@@ -141,11 +139,11 @@ class Observe(Stage):
     why: str = "the target is not seen"
     scene: Scene | None = None
 
-    def held(self, loop: Controller, now: float, why: str) -> None:
+    def held(self, loop: Common, now: float, why: str) -> None:
         super().held(loop, now, why)
         self.since, self.seen = now, 0
 
-    def cycle(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         if not loop.driver.rests(now):
             self.since, self.seen = now, 0
             return None, None
@@ -160,9 +158,7 @@ class Observe(Stage):
                     longest = p.patient
                 late = now - self.since > longest
                 return self._elsewhere(loop, now, tracked) if late else (None, None)
-            self.scene = driver.tracked_scene(
-                loop.scene, tracked, stems=loop.felt.known, start=loop.driver.state(now).q
-            )
+            self.scene = driver.tracked_scene(loop.scene, tracked, start=loop.driver.state(now).q)
             before = loop.picks[-1] if loop.picks and self.near else None
             work = partial(committed, self.scene, loop.robot, loop.seed, before)
             self.job = Sliced(partial(work, loop.parameters.budget))
@@ -170,7 +166,7 @@ class Observe(Stage):
         return (None, None) if made is None else self._made(loop, now, tracked, made)
 
     def _made(
-        self, loop: Controller, now: float, tracked: Tracked, made: Picked | OptiPrompError
+        self, loop: Common, now: float, tracked: Tracked, made: Picked | OptiPrompError
     ) -> Step:
         if isinstance(made, OptiPrompError):
             return None, self._again(loop, made.message)
@@ -179,17 +175,17 @@ class Observe(Stage):
         begins = not self.near and made.reach.valid
         ahead = to_camera_point(made.reach) if begins else None
         if ahead is not None:
-            loop.follow(made)
+            loop.picks.append(made)
             route = Route.along(loop.robot, ahead, made.reach.scene, ahead.duration)
             begun = loop.driver.set_out(route, now, tracked)
             return begun, Next(Travel(Observe(near=True), "at the camera point"), told)
         kept = self.near and bool(loop.picks) and loop.picks[-1].success
         if made.success or (kept and excess(made) <= loop.parameters.budget):
-            loop.follow(made)
+            loop.picks.append(made)
             return loop.driver.set_out(Route.of(made.reach), now, tracked), Next(Push(made), told)
         return None, self._again(loop, made.message)
 
-    def _again(self, loop: Controller, why: str) -> Next:
+    def _again(self, loop: Common, why: str) -> Next:
         """Look again; a pick is made anew where something differs."""
         why = f"no pick: {why}"
         if loop.tries <= 0 or loop.over:
@@ -197,7 +193,7 @@ class Observe(Stage):
         loop.tries -= 1
         return Next(Observe(self.near, self.views, refused=self.scene, why=why), why)
 
-    def _knows(self, loop: Controller, now: float, tracked: Tracked) -> bool:
+    def _knows(self, loop: Common, now: float, tracked: Tracked) -> bool:
         """Whether it has looked for long enough, and something differs from what was refused."""
         p, looked = loop.parameters, now - self.since
         if driver.target_row(tracked) is None:
@@ -212,7 +208,7 @@ class Observe(Stage):
             return False
         return looked > p.patient or driver.rests_known(tracked, p.settled)
 
-    def _elsewhere(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def _elsewhere(self, loop: Common, now: float, tracked: Tracked) -> Step:
         """Go to another view; give up where none is left, or another shows no more."""
         drive, q, p = loop.driver, loop.driver.state(now).q, loop.parameters
         why = STANDS if loop.camera.standing is not None else self.why
@@ -243,7 +239,7 @@ class Travel(Stage):
     then: Observe
     told: str
 
-    def cycle(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         drive, begins = loop.driver, now + loop.parameters.lead
         route = drive.route
         assert route is not None
@@ -277,7 +273,7 @@ class Push(Stage):
     going: float = 0.0  # harm of going on, over what a success may do
     at: tuple[float, float] | None = None  # where another would take over: phase, and time [s]
 
-    def cycle(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         p, drive = loop.parameters, loop.driver
         route, begins, since = drive.route, now + p.lead, loop.camera.standing
         assert route is not None
@@ -293,17 +289,17 @@ class Push(Stage):
         made = self._watch(loop, now, tracked, phase)
         return made if made is not None else (drive.go_on(now, tracked), None)
 
-    def ends(self, loop: Controller, now: float, why: str) -> Step:
+    def ends(self, loop: Common, now: float, why: str) -> Step:
         return self.leave(loop, now, why)
 
-    def leave(self, loop: Controller, now: float, why: str) -> Step:
+    def leave(self, loop: Common, now: float, why: str) -> Step:
         """Stop, and leave without the target."""
         q = self.passed(loop, loop.driver.phase(now + loop.parameters.lead))
         stop = loop.driver.pause(now + loop.parameters.lead)
         q = np.vstack([q, stop.curve.positions[-1]])
-        return stop, Next(Leave(self.pick, Sliced(partial(ways_out, self.pick.reach, q))), why)
+        return stop, Next(Leave(self.pick, Sliced(partial(ways_out, self.pick.reach, q)), why), why)
 
-    def passed(self, loop: Controller, phase: float) -> FloatArray:
+    def passed(self, loop: Common, phase: float) -> FloatArray:
         """Configurations (k, n) of the approach until a ``phase`` of the route."""
         made = self.pick.reach
         passed = made.trajectory.positions[made.trajectory.times <= phase]
@@ -311,7 +307,7 @@ class Push(Stage):
             passed = passed[min(made.first, len(passed) - 1) :]
         return np.concatenate([*self.trail, passed])
 
-    def _watch(self, loop: Controller, now: float, tracked: Tracked, phase: float) -> Step | None:
+    def _watch(self, loop: Common, now: float, tracked: Tracked, phase: float) -> Step | None:
         """Predict the rest of the pick, and compare what may be done, where something changed."""
         p, made = loop.parameters, self.pick.reach
         if self.job is None:
@@ -336,7 +332,7 @@ class Push(Stage):
             return None
         return self._chosen(loop, now, tracked, found)
 
-    def _chosen(self, loop: Controller, now: float, tracked: Tracked, found: Choice) -> Step | None:
+    def _chosen(self, loop: Common, now: float, tracked: Tracked, found: Choice) -> Step | None:
         """The least harmful of going on, another pick, and leaving now; ties go on."""
         assert self.at is not None
         p, made = loop.parameters, self.pick.reach
@@ -347,14 +343,14 @@ class Push(Stage):
                 rows = made.trajectory.times <= self.at[0]
                 self.trail.append(made.trajectory.positions[rows])
                 self.pick = found.pick
-                loop.follow(found.pick)
+                loop.picks.append(found.pick)
                 return taken, None
         if found.leaving < self.going:
             told = f"going on would do {self.going:.2f} of the harm that is allowed"
             return self.leave(loop, now, f"{told}, leaving {found.leaving:.2f}")
         return None
 
-    def falls(self, loop: Controller, look: Look) -> bool:
+    def falls(self, loop: Common, look: Look) -> bool:
         """Whether the look shows the target below its place, and faster down than a plant moves."""
         p, up = loop.parameters, loop.scene.up
         tracked = loop.tracker.at(look.time)
@@ -373,7 +369,7 @@ class Push(Stage):
         return speed > p.fall and drop > max(p.dropped, aside)
 
 
-def _beside(loop: Controller, made: Plan, tracked: Tracked) -> tuple[Scene, Displacement]:
+def _beside(loop: Common, made: Plan, tracked: Tracked) -> tuple[Scene, Displacement]:
     """The scene of now as seen from the target of a plan, and how fruits moved against it."""
     places, moved, _ = driver.displaced(made.scene, tracked)
     target = made.scene.target
@@ -381,7 +377,7 @@ def _beside(loop: Controller, made: Plan, tracked: Tracked) -> tuple[Scene, Disp
     assert row is not None
     assert target is not None
     offset = tracked.rest[row] - target.position
-    scene = driver.tracked_scene(loop.scene, tracked, offset, loop.felt.known)
+    scene = driver.tracked_scene(loop.scene, tracked, offset)
     apart = moved - offset
     return replace(scene, approach=made.scene.approach), Displacement(
         places, lambda times: np.tile(apart, (len(times), 1, 1))
@@ -405,7 +401,7 @@ class Take(Stage):
     fallen: bool = False
     caught: bool = False
 
-    def cycle(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         drive, self.since = loop.driver, min(self.since, now)
         if now - self.since < loop.parameters.hold:
             return None if self.fallen else drive.go_on(now, tracked), None
@@ -421,18 +417,18 @@ class Take(Stage):
             return drive.brake(begins), Next(Stand(DONE), "at the target")
         return self._out(loop, now, tracked)
 
-    def ends(self, loop: Controller, now: float, why: str) -> Step:
+    def ends(self, loop: Common, now: float, why: str) -> Step:
         if self.fallen:
             return self.cycle(loop, now, loop.tracker.at(now))
         return self.push.leave(loop, now, why)
 
-    def sees(self, loop: Controller, look: Look) -> None:
+    def sees(self, loop: Common, look: Look) -> None:
         """Note whether a look shows the fallen target inside the tool."""
         q = loop.camera.configuration(look.time)
         seen = [look.camera @ item.position for item in look.detections if item.role == "target"]
         self.caught |= any(driver.inside(loop.robot, q, place) for place in seen)
 
-    def _out(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def _out(self, loop: Common, now: float, tracked: Tracked) -> Step:
         """Leave with the target as the pick says; where that does not lead out, search."""
         drive, legs, told = loop.driver, self.push.pick.legs, "out with the target"
         route = drive.route
@@ -456,6 +452,7 @@ class Leave(Stage):
     Attributes:
         pick: that was followed.
         job: the search of ways out; None: the way out runs.
+        why: the reason to leave without the target.
         holding: whether the target is in the tool.
     """
 
@@ -463,15 +460,16 @@ class Leave(Stage):
     among = True
     pick: Picked
     job: Sliced[Any] | None
+    why: str = ""
     holding: bool = False
 
-    def held(self, loop: Controller, now: float, why: str) -> None:
+    def held(self, loop: Common, now: float, why: str) -> None:
         """The search goes on when the arm may."""
 
-    def ends(self, loop: Controller, now: float, why: str) -> Step:
+    def ends(self, loop: Common, now: float, why: str) -> Step:
         return self.cycle(loop, now, loop.tracker.at(now))
 
-    def cycle(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         drive, begins = loop.driver, now + loop.parameters.lead
         route = drive.route
         assert route is not None
@@ -492,7 +490,7 @@ class Leave(Stage):
             if self.holding:
                 return stop, Next(Stand(DONE), "outside with the target")
             if loop.over or loop.tries <= 0:
-                return stop, Next(Stand(GAVE_UP), loop.over or loop.events[-1].why)
+                return stop, Next(Stand(GAVE_UP), loop.over or self.why)
             loop.tries -= 1
             return stop, Next(Observe(), "looking again after a retreat")
         return drive.go_on(now, tracked), None
@@ -504,5 +502,5 @@ class Stand(Stage):
 
     name: LoopStage  # type: ignore[misc]
 
-    def cycle(self, loop: Controller, now: float, tracked: Tracked) -> Step:
+    def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         return None, None

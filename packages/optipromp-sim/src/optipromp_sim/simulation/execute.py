@@ -355,9 +355,7 @@ class Loop:
         return "gave_up" if result == "missed" and self.stage is LoopStage.GAVE_UP else result
 
 
-def closed_loop(
-    simulation: Simulation, controller: Controller, eye: Eye, *, wrench: bool = True
-) -> Loop:
+def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loop:
     """Let the controller pick in the simulation until it ends, and judge what happened.
 
     In a scene with a place the carry follows, planned from where the arm is by then and executed
@@ -367,7 +365,6 @@ def closed_loop(
         simulation: of the true scene, with its disturbances.
         controller: of the same robot.
         eye: the camera.
-        wrench: whether the arm reports the force on its tool.
     """
     began = time.perf_counter()
     cycle = round(controller.parameters.period / simulation.tick)
@@ -386,8 +383,6 @@ def closed_loop(
         for look in eye.delivered(now):
             controller.see(look)
             looks.append(look)
-        if wrench:
-            controller.feel(simulation.wrench()[:3])
         stretch = controller(now, state, reference)
         if controller.holding:
             simulation.close()
