@@ -36,6 +36,8 @@ with LiveCamera(arm.simulation, "beside", seed=3) as camera:
             pictures += 1
         for look in watcher.looks():
             controller.see(look)
+        if controller.holding:
+            arm.simulation.close()
         return controller(time, measured, reference)
 
     arm.follow(source)

@@ -52,6 +52,8 @@ def source(time, measured, reference):
     eye.see(time, measured.q, truth)
     for look in eye.delivered(time):
         controller.see(look)
+    if controller.holding:
+        arm.simulation.close()
     return controller(time, measured, reference)
 
 

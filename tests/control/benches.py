@@ -11,15 +11,9 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.core.trajectory import State
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
+from optipromp_loop.control.stages import AFTER, LoopStage
 from optipromp_sim.simulation.detector import DETECTORS, Detector, Eye, Truth
-
-AFTER = {
-    LoopStage.LOOK: {LoopStage.LOOK, LoopStage.GO, LoopStage.GAVE_UP},
-    LoopStage.GO: {LoopStage.LOOK, LoopStage.RETREAT, LoopStage.DONE, LoopStage.GAVE_UP},
-    LoopStage.RETREAT: {LoopStage.LOOK, LoopStage.DONE, LoopStage.GAVE_UP},
-}
-"""Stages that may follow a stage; no stage follows another."""
 
 Moves = Callable[[float], FloatArray]
 """Of a time [s]: the displacement (3,) of all fruits [m]."""
@@ -31,9 +25,9 @@ def still(_: float) -> FloatArray:
 
 def in_order(stages: Iterable[LoopStage]) -> bool:
     """Whether stages may follow one another, beginning after a look."""
-    before = LoopStage.LOOK
+    before = LoopStage.OBSERVE
     for stage in stages:
-        if stage not in AFTER.get(before, set()):
+        if stage not in AFTER[before]:
             return False
         before = stage
     return True
@@ -55,6 +49,12 @@ class Picked:
     @property
     def reasons(self) -> list[str]:
         return [event.why for event in self.controller.events]
+
+    def nearest(self, scene: Scene, moved: FloatArray | float = 0.0) -> float:
+        """Least distance of the tool from the target, which has ``moved``, at any time [m]."""
+        q = np.array([state.q for state in self.references])
+        points, _ = self.controller.robot.tool_pose(q)
+        return float(np.linalg.norm(points - scene.target.position - moved, axis=1).min())
 
 
 def without_fruits(scene: Scene) -> Scene:

@@ -23,14 +23,15 @@ from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control import Look, Tracker, TrackerParameters
 from optipromp_loop.control.belief import visible
 from optipromp_loop.control.camera import CameraWatch, fitted
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.driver import mouth_balls
 from optipromp_loop.control.parameters import CONTROL
+from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.detector import DETECTORS, Detector, Eye, Truth
 
-LOOK, GO, RETREAT = LoopStage.LOOK, LoopStage.GO, LoopStage.RETREAT
-DONE, GAVE_UP = LoopStage.DONE, LoopStage.GAVE_UP
+OBSERVE, TRAVEL, PUSH, TAKE, LEAVE, DONE, GAVE_UP = LoopStage
+USUAL = [TRAVEL, OBSERVE, PUSH, TAKE, LEAVE, DONE]
 WHITE, RADIUS = DETECTORS["zero-mean"], 0.018
 
 
@@ -123,9 +124,9 @@ def test_a_target_nearer_than_the_limit_lives_on(near: float, lives: bool) -> No
 
 def test_a_pick_with_a_near_limit_ends_at_the_target(scene: Scene) -> None:
     done = looked(scene, near=0.07)
-    assert done.stages == [GO, LOOK, GO, DONE]
+    assert done.stages == USUAL
     assert noticed(done) == []
-    assert away(done, scene) < 0.012
+    assert done.nearest(scene) < 0.012
 
 
 # --- pictures that stand still ----------------------------------------------------------------
@@ -164,30 +165,30 @@ def test_an_equal_picture_of_a_camera_that_stands_counts(scene: Scene) -> None:
 
 def test_a_push_stops_while_pictures_stand_still_and_goes_on(scene: Scene) -> None:
     done = looked(scene, frozen=0.5)
-    assert done.stages == [GO, LOOK, GO, DONE]
+    assert done.stages == USUAL
     robot, stopped, resumed = done.controller.robot, *done.controller.noticed
     speeds = [np.abs(state.velocity / robot.velocity).max() for state in done.references]
     began, ended = (round(event.time / CONTROL.period) for event in (stopped, resumed))
     assert min(speeds[began : ended + 5]) < 1e-6 < 0.005 < speeds[began]
-    assert away(done, scene) < 0.012
+    assert done.nearest(scene) < 0.012
 
 
 def test_a_push_is_broken_off_where_pictures_stand_still_for_long(scene: Scene) -> None:
     done = looked(scene, frozen=1.5)
-    assert done.stages == [GO, LOOK, GO, RETREAT, LOOK, GO, DONE]
+    assert done.stages == [*USUAL[:3], LEAVE, OBSERVE, *USUAL]
     assert done.reasons[3] == "the camera's pictures stand still"
     told = noticed(done)
     assert told == [
         "the camera's picture stands still while the camera moves", "the camera's pictures go on",
     ]  # fmt: skip
-    assert away(done, scene) < 0.012
+    assert done.nearest(scene) < 0.012
 
 
 def test_a_short_stop_of_the_pictures_breaks_nothing_off(scene: Scene) -> None:
     done = looked(scene, frozen=0.15)
-    assert done.stages == [GO, LOOK, GO, DONE]
+    assert done.stages == USUAL
     assert len(noticed(done)) == 2
-    assert away(done, scene) < 0.012
+    assert done.nearest(scene) < 0.012
 
 
 # --- stamps ---------------------------------------------------------------------------------------
@@ -213,14 +214,14 @@ def test_a_fit_finds_the_shift_of_curves() -> None:
 def test_stamps_that_err_are_estimated_told_and_corrected(scene: Scene, stamp: float) -> None:
     done = looked(scene, stamp=stamp)
     controller = done.controller
-    assert controller._camera.shift == pytest.approx(-stamp, abs=0.02)
+    assert controller.camera.shift == pytest.approx(-stamp, abs=0.02)
     (told,) = noticed(done)
     words = told.split()
     assert words[:2] == ["stamps", "are"]
     assert float(words[2]) == pytest.approx(1e3 * abs(stamp), abs=20.0)
     assert words[4] == ("early," if stamp < 0.0 else "late,")
-    assert done.stages[-2:] == [GO, DONE]
-    assert away(done, scene) < 0.012
+    assert done.stages[-2:] == [LEAVE, DONE]
+    assert done.nearest(scene) < 0.012
 
 
 def test_stamps_without_the_pose_are_corrected_too(scene: Scene) -> None:
@@ -231,15 +232,15 @@ def test_stamps_without_the_pose_are_corrected_too(scene: Scene) -> None:
 
     done = pick(Controller(scene), scene, Eye(Detector(scene, posed(scene)[0], WHITE)),
                 filtered=filtered)  # fmt: skip
-    assert done.controller._camera.shift == pytest.approx(0.15, abs=0.02)
+    assert done.controller.camera.shift == pytest.approx(0.15, abs=0.02)
     assert "by the poses" in noticed(done)[0]
     assert done.stages[-1] == DONE
-    assert away(done, scene) < 0.012
+    assert done.nearest(scene) < 0.012
 
 
 def test_stamps_that_are_right_are_left_as_they_are(scene: Scene) -> None:
     done = looked(scene)
-    assert done.controller._camera.shift == 0.0
+    assert done.controller.camera.shift == 0.0
     assert noticed(done) == []
 
 
@@ -276,11 +277,11 @@ def falling(scene: Scene, begins: float) -> Picked:
 
 def test_a_target_that_falls_ends_the_pick_away_from_the_fruits(scene: Scene) -> None:
     done = falling(scene, 4.0)
-    assert done.stages == [GO, LOOK, GO, RETREAT, GAVE_UP]
+    assert done.stages == [*USUAL[:5], GAVE_UP]
     assert done.reasons[-1] == done.reasons[-2] == "the target falls: its stem broke"
     assert noticed(done) == ["the target falls: its stem broke"]
-    begun = next(e.time for e in done.controller.events if e.stage is RETREAT)
-    assert 4.0 < begun < 4.35
+    begun = next(e.time for e in done.controller.events if e.stage is LEAVE)
+    assert 4.0 < begun < 4.35 + CONTROL.hold
     assert away(done, scene) > 0.08
 
 

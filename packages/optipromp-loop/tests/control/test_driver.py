@@ -109,15 +109,6 @@ def test_an_arm_that_stands_stands(made: Plan) -> None:
     assert drive.state(3.0).q == pytest.approx(away, abs=1e-9)
 
 
-def test_a_blind_arm_follows_the_plan_as_it_is(made: Plan) -> None:
-    drive, aside = driver(made), seen(made.scene, np.array([0.02, 0.0, 0.0]))
-    drive.blind = True
-    route = Route.of(made)
-    assert drive.set_out(route, 0.0, aside).curve is made.trajectory
-    every = np.arange(0.02, route.duration + 1.0, 0.1)
-    assert all(drive.go_on(float(now), aside) is None for now in every)
-
-
 def test_an_arm_that_reaches_nothing_waits_where_it_is_until_the_plant_comes_back(
     made: Plan,
 ) -> None:

@@ -164,7 +164,7 @@ def test_a_course_ends_at_rest_and_a_route_is_weighed_by_its_approach(route: Rou
     approach = route.trajectory.times >= route.approach
     assert (route.weight[approach] == 1.0).all()
     assert (np.diff(route.weight) >= 0.0).all()
-    back = Route.back(route.robot, route.trajectory, route.scene)
+    back = Route.along(route.robot, route.trajectory, route.scene)
     assert (back.weight == 1.0).all()
     assert back.approach == 0.0
 

@@ -14,7 +14,8 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
+from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import DETECTORS, Detector, Eye, Simulation
 from optipromp_sim.simulation.detector import Truth
@@ -45,7 +46,7 @@ class Source:
         self.before = self.simulation.state()
         for _ in range(round(self.simulation.parameters.engine.settle / self.simulation.tick)):
             self.simulation.step(State(self.before.q))
-        self.began, self.apart, self.gripped = self.simulation.time, 0.0, False
+        self.began, self.apart = self.simulation.time, 0.0
 
     def __call__(self, now: float, measured: State, reference: State) -> Stretch | None:
         simulation, controller, before = self.simulation, self.controller, self.before
@@ -61,11 +62,8 @@ class Source:
         for look in self.eye.delivered(now):
             controller.see(look)
         stretch = controller(now, measured, reference)
-        target = simulation.scene.target
-        if controller.holding and not self.gripped and target is not None:
-            self.gripped = True
-            if target.id in simulation.held():
-                simulation.grip()
+        if controller.holding:
+            simulation.close()
         return stretch
 
 

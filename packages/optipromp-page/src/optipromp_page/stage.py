@@ -415,7 +415,7 @@ class Replay:
         """Show tracks and path ahead; returns the stage, and why it began, in words."""
         row = record.row(now)
         stage.tracks(*record.tracks(row))
-        stage.ahead(record.path(row), int(record.plans[row]), record.stages[row] == "retreat")
+        stage.ahead(record.path(row), int(record.plans[row]), record.stages[row] == "leave")
         why = record.why(now)
         return f"**{record.words(row)}**" + (f": {why}" if why else "")
 

@@ -40,7 +40,7 @@ def test_tracks_path_and_stage_are_replayed_where_the_fruits_sway(opener, folder
         look = look_at(float(record.times[row]))
         return any(item.role == "target" for item in look.detections)
 
-    going = [k for k, s in enumerate(record.stages) if s == "go" and len(record.path(k))]
+    going = [k for k, s in enumerate(record.stages) if s == "push" and len(record.path(k))]
     going = [k for k in going if shows_target(k)]
     for row in (going[5], going[-5]):
         now = float(record.times[row])
@@ -51,7 +51,7 @@ def test_tracks_path_and_stage_are_replayed_where_the_fruits_sway(opener, folder
         volume = np.prod(tracks.batched_scales, axis=1)
         np.testing.assert_allclose(volume, 8.0 * np.sqrt(np.linalg.det(covariance)), rtol=0.05)
         assert node("path ahead") is not None
-        assert f"go, plan {record.plans[row]}" in window.runs.forces
+        assert f"push, plan {record.plans[row]}" in window.runs.forces
         assert record.why(now) in window.runs.forces
         look = look_at(now)
         inset = opened.panel.replaying.sight.content

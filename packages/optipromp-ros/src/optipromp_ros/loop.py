@@ -27,8 +27,9 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_eyes.watcher import Watcher
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.driver import without_fruits
+from optipromp_loop.control.stages import LoopStage
 from optipromp_ros import live, trajectories
 from optipromp_ros.frames import Frames, known_frames, link_prefix
 from optipromp_ros.images import PICTURES, Pictures
@@ -225,6 +226,7 @@ class PickLoop:
         told = {
             "stage": str(loop.stage),
             "fruits": str(count),
+            "gripper": "close" if loop.holding else "open",
             "tries left": str(loop.tries),
             "camera": loop.noticed[-1].why if loop.noticed else "",
             "last cycle [ms]": f"{1e3 * loop.cycles[-1]:.1f}" if loop.cycles else "",

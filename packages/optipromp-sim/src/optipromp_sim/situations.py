@@ -313,9 +313,8 @@ def varied(setting: Situation, variation: str, seed: int) -> Situation:
     return setting._replace(scene=other.scene, parameters=other.parameters)
 
 
-LOOPS = "open", "looks", "closed"
-"""``open``: the plan in the scene as first seen is executed blind; ``looks``: the arm goes to the
-camera point, looks, and executes the plan made there blind; ``closed``: the controller."""
+LOOPS = "open", "closed"
+"""``open``: the plan in the scene as first seen is executed blind; ``closed``: the controller."""
 LOOP_PLANNER = "opti-promp"
 
 
@@ -328,17 +327,16 @@ def loop_figures(done: Loop) -> LoopFigures:
     curve = executed(done.trace.stretches, controller.robot, start, until)
     nis = controller.tracker.statistics.consistent()[0]
     return {
-        "retreats": sum(event.stage == "retreat" for event in controller.events),
+        "retreats": sum(event.stage == "leave" for event in controller.events),
         "looks": len(done.trace.looks), "nis": nis if np.isfinite(nis) else None,
         "cycle_median": float(np.median(cycles)), "cycle_p99": float(np.quantile(cycles, 0.99)),
         "worst_jump": float(curve.jumps.max()), "worst_limit": float(curve.shares.max()),
     }  # fmt: skip
 
 
-def picked(setting: Situation, seed: int, servo: bool = True) -> Loop:
-    """A pick in closed loop; without ``servo``, two looks."""
-    leave = servo and setting.seen.place is None
-    controller = Controller(setting.seen, servo=servo, leave=leave)
+def picked(setting: Situation, seed: int) -> Loop:
+    """A pick in closed loop."""
+    controller = Controller(setting.seen)
     simulation = Simulation(setting.scene, seed, setting.parameters)
     eye = Eye(setting.camera(setting.scene, controller.robot, setting.detector, seed))
     return closed_loop(simulation, controller, eye)

@@ -90,10 +90,9 @@ def test_a_loop_in_a_scene_with_a_place_brings_the_fruit_there(tmp_path):
 
 
 def test_the_options_of_the_loop_reach_it(tmp_path):
-    """Looks that are late are waited for at the camera point; two looks are told as such."""
-    common = ["simulate", "scenario-3", "--closed-loop", "--looks-only", "--json", "--out"]
+    """Looks that are late are waited for at the camera point."""
+    common = ["simulate", "scenario-3", "--closed-loop", "--json", "--out"]
     document = json.loads(invoke(*common, tmp_path, "--latency", "1").stdout)
-    assert document["loop"] == "looks"
     times = [decision["time"] for decision in document["decisions"]]
     at = [item["why"] for item in document["decisions"]].index("at the camera point")
     assert times[at + 1] - times[at] > 1.0  # [s] the latency
@@ -128,7 +127,6 @@ def test_fruits_that_hang_aside_are_missed_by_an_open_loop(tmp_path):
     ("arguments", "words"),
     [
         (["scenario-3", "--latency", "0.1", "--noise", "detector"], "--noise, --latency: only"),
-        (["scenario-3", "--looks-only"], "--looks-only: only with --closed-loop"),
         (["scenario-3", "--camera", "hand"], "--camera: only with --closed-loop"),
         (["scenario-3", "--closed-loop", "--planner", "promp"], "--planner: not with"),
         (["scenario-3", "--closed-loop", "--speed", "0.2"], "--speed: not with"),

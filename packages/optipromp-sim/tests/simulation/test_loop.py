@@ -7,7 +7,8 @@ from tests.control.benches import in_order
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import State
-from optipromp_loop.control.controller import Controller, LoopStage
+from optipromp_loop.control.controller import Controller
+from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import Detector, Eye, Loop, SimulatedArm
 from optipromp_sim.simulation.detector import Truth
@@ -21,7 +22,7 @@ def situation(name: str, seed: int) -> Situation:
 @pytest.fixture(scope="session")
 def noisy_pick() -> Loop:
     """A pick with zero-mean errors of the first scene and of all looks."""
-    return picked(situation("zero-mean", 101), 101)
+    return picked(situation("zero-mean", 102), 102)
 
 
 def assert_sound(loop: Loop) -> None:
@@ -42,7 +43,7 @@ def test_fruits_seen_exactly_are_picked() -> None:
     assert_sound(loop)
     assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
     stages = [event.stage for event in loop.controller.events]
-    assert stages == ["go", "look", "go", "retreat", "done"]
+    assert stages == ["travel", "observe", "push", "take", "leave", "done"]
 
 
 def test_the_tool_leaves_with_the_target_and_the_plant() -> None:
@@ -50,7 +51,7 @@ def test_the_tool_leaves_with_the_target_and_the_plant() -> None:
     loop = picked(situation("sway", 173_010), 173_010)
     assert_sound(loop)
     assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
-    out = [event.time for event in loop.controller.events if event.stage is LoopStage.RETREAT][-1]
+    out = [event.time for event in loop.controller.events if event.stage is LoopStage.LEAVE][-1]
     run, robot = loop.run.rollout, loop.controller.robot
     tips, axes = robot.tool_pose(run.reference)
     late = run.times >= out
@@ -69,7 +70,7 @@ def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
 
 
 def test_the_same_seed_gives_the_same_pick_to_the_bit(noisy_pick: Loop) -> None:
-    again = picked(situation("zero-mean", 101), 101)
+    again = picked(situation("zero-mean", 102), 102)
     assert again.controller.events == noisy_pick.controller.events
     assert repr(again.run.outcome) == repr(noisy_pick.run.outcome)
     for name, values in noisy_pick.run.rollout.arrays().items():
@@ -82,10 +83,10 @@ def test_a_neighbour_that_was_missed_is_seen_and_the_pick_is_clean() -> None:
     loop = picked(given, 100)
     assert_sound(loop)
     assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
-    goes = [event.time for event in loop.controller.events if event.stage is LoopStage.GO]
-    row = int(np.searchsorted(loop.trace.times, goes[1]))  # from the camera point
+    goes = [event.time for event in loop.controller.events if event.stage is LoopStage.PUSH]
+    row = int(np.searchsorted(loop.trace.times, goes[0]))  # from the camera point
     found, true = loop.trace.tracks[row], loop.run.rollout
-    place = true.fruit_positions[np.searchsorted(true.times, goes[1]), true.fruit_ids.index(missed)]
+    place = true.fruit_positions[np.searchsorted(true.times, goes[0]), true.fruit_ids.index(missed)]
     assert np.linalg.norm(found.positions[found.confirmed] - place, axis=1).min() < 0.01
     assert loop.trace.tracks[0].ids == ("ripe",)
     assert loop.controller.plans[1].scene.pushables
@@ -119,16 +120,18 @@ def test_a_target_whose_stem_breaks_ends_the_pick() -> None:
 
 def test_an_executor_follows_the_controller() -> None:
     """The contract of executors: no stretch is refused or comes too late."""
-    given = situation("zero-mean", 101)
-    arm = SimulatedArm(given.scene, parameters=given.parameters, seed=101)
+    given = situation("zero-mean", 102)
+    arm = SimulatedArm(given.scene, parameters=given.parameters, seed=102)
     controller = Controller(given.seen, robot=arm.robot)
-    eye = Eye(Detector(given.scene, arm.robot, given.detector, 101))
+    eye = Eye(Detector(given.scene, arm.robot, given.detector, 102))
 
     def source(now: float, measured: State, reference: State) -> Stretch | None:
         f = arm.simulation.fruits()
         eye.see(now, measured.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
         for look in eye.delivered(now):
             controller.see(look)
+        if controller.holding:
+            arm.simulation.close()
         return controller(now, measured, reference)
 
     done = arm.follow(source, period=controller.parameters.period)

@@ -75,7 +75,7 @@ def test_a_record_is_what_the_trace_tells(loop, record):
 
 def test_the_path_ahead_begins_at_the_tool_and_ends_where_the_running_curve_does(loop, record):
     rollout, trace = loop.run.rollout, loop.trace
-    going = [k for k, stage in enumerate(record.stages) if stage == "go"][5::20]
+    going = [k for k, stage in enumerate(record.stages) if stage == "push"][5::20]
     shown = [row for row in going if len(record.path(row))]
     assert len(shown) > 2
     for row in shown:
@@ -156,7 +156,7 @@ def test_ellipsoids_span_the_covariance():
 
 
 def test_pictures_show_tracks_path_and_the_cameras_view(drawn, record):
-    moving = next(k for k, stage in enumerate(record.stages) if stage == "go") + 10
+    moving = next(k for k, stage in enumerate(record.stages) if stage == "push") + 10
     times = np.array([0.0, record.times[moving]])
     told = list(loop_frames(drawn, times, SMALL))
     bare = list(frames(drawn.run, times, SMALL, caption=True))

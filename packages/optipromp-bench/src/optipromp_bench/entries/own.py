@@ -36,7 +36,7 @@ class Closed:
     leaves = True
 
     def reset(self, scene: Scene, seed: int) -> None:
-        self.controller = Controller(scene, seed=seed, leave=True)
+        self.controller = Controller(scene, seed=seed)
         self.running: Stretch | None = None
         self.coming: list[Stretch] = []
         self.newest = -np.inf

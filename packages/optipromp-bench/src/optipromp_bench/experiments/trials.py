@@ -362,7 +362,7 @@ def again(
     """
     setting = setting_of(row, robot, source, crop)
     if row.loop not in ("", "open"):
-        return picked(_borne(setting, row.preset), row.seed, servo=row.loop == "closed").run
+        return picked(_borne(setting, row.preset), row.seed).run
     study = Study(planners=(row.planner,), risk=risk, loops=(row.loop,) if row.loop else ())
     made, setting = _planned(setting, row.planner, row.seed, study)
     if not _executable(made, study):
@@ -459,7 +459,7 @@ def _executed(made: Answer, setting: situations.Situation, row: Row) -> Run:
 def _looped(setting: situations.Situation, row: Row) -> Row:
     """The row of a pick that looks again; its seed is that of physics and looks."""
     began = time.perf_counter()
-    done = picked(setting, row.seed, servo=row.loop == "closed")
+    done = picked(setting, row.seed)
     outcome = done.run.outcome
     said = done.stage == "done" or outcome.success
     row = replace(_told(row, outcome, setting.scene.target), **cast(Pictures, setting.figures))

@@ -233,7 +233,11 @@ class CameraWatch:
         owner: IntArray, most: float,
     ) -> None:  # fmt: skip
         """Fit a shift, and adopt, tell or refuse it; ``most``: largest that is corrected [s]."""
-        if not estimate.add(fitted(points, owner, 2.0 * most, estimate.last), self._p):
+        found = fitted(points, owner, 2.0 * most, estimate.last)
+        if abs(found.shift) >= self._p.stamp:  # a short motion has several minima
+            others = (fitted(points, owner, 2.0 * most, side * most) for side in (-1.5, 1.5))
+            found = max(found, *others, key=lambda fit: np.nan_to_num(fit.share))
+        if not estimate.add(found, self._p):
             return
         by = estimate.shift
         words = f"{1e3 * abs(by):.0f} ms {'early' if by > 0.0 else 'late'}"

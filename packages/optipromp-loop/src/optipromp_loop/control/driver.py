@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,11 +18,10 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import rooted
-from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, Stem
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.core.values import Unlimited
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
-from optipromp_loop.control.stiffness import Stiffness
 from optipromp_loop.control.tracker import Tracked
 
 TRACKED = 2e-4  # [m] largest error of a followed tool point: a choice
@@ -73,18 +72,20 @@ class Route:
     @classmethod
     def of(cls, plan: Plan) -> Route:
         """The route of a plan."""
-        return cls.back(plan.robot, plan.trajectory, plan.scene, plan)
+        begin = float(plan.trajectory.times[plan.first])
+        return replace(cls.along(plan.robot, plan.trajectory, plan.scene, begin), plan=plan)
 
     @classmethod
-    def back(
-        cls, robot: Robot, trajectory: Trajectory, scene: Scene, plan: Plan | None = None
-    ) -> Route:
-        """The route of a way back that was planned in a ``scene``, or of the motion of a plan."""
+    def along(
+        cls, robot: Robot, trajectory: Trajectory, scene: Scene, begin: float = 0.0,
+        came: tuple[Route, float] | None = None,
+    ) -> Route:  # fmt: skip
+        """The route of a motion that was planned in a ``scene``; from the time ``begin`` [s] on the
+        whole motion of the plant counts."""
         points, axes = robot.tool_pose(trajectory.positions)
-        begin = float(trajectory.times[0 if plan is None else plan.first])
         share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
         weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
-        return cls(robot, trajectory, points, axes, frozen(weight), scene, plan)
+        return cls(robot, trajectory, points, axes, frozen(weight), scene, None, came)
 
     @property
     def approach(self) -> float:
@@ -163,21 +164,44 @@ MOVED = 1e-4  # [m] of a predicted push, below which a fruit counts as free: a c
 
 
 def tracked_scene(
-    base: Scene, tracked: Tracked, offset: FloatArray | None = None, stems: Stiffness | None = None
-) -> Scene:
+    base: Scene, tracked: Tracked, offset: FloatArray | None = None,
+    start: FloatArray | None = None,
+) -> Scene:  # fmt: skip
     """The scene to plan in: what stands still in ``base``, and the tracked fruits at rest.
 
-    ``offset``: (3,) common displacement that is left out [m]; None: none. ``stems``: what is
-    believed of their stiffness; None: as the push model assumes.
+    ``offset``: (3,) common displacement that is left out [m]; None: none. ``start``: (n,)
+    of the arm; None: that of ``base``.
     """
     still = tuple(item for item in base.objects if item.role in ("static", "avoid"))
-    grown = {item.id: item.stem for item in base.objects if item.stem is not None}
-    seen = [_as_grown(item, grown.get(item.id)) for item in tracked.objects()]
-    if stems is not None:
-        seen = [stems.told(item, base.up) for item in seen]
+    told = {item.id: item for item in base.objects if item.stem is not None}
+    seen = tracked.objects()
+    by = [item.position - told[item.id].position for item in seen if item.id in told]
+    common = np.median(by, axis=0) if by else np.zeros(3)
+    if float(np.linalg.norm(common)) <= CONTROL.settled:  # they hang where they were told
+        common = np.zeros(3)
+    seen = tuple(_as_told(item, told.get(item.id), common) for item in seen)
     if offset is not None:
-        seen = [item.shifted(-offset) for item in seen]
-    return replace(base, objects=rooted([*still, *seen]), goal=None)
+        seen = tuple(item.shifted(-offset) for item in seen)
+    start = base.start if start is None else start
+    return replace(base, objects=rooted([*still, *seen]), goal=None, start=start)
+
+
+def _as_told(item: SceneObject, told: SceneObject | None, common: FloatArray) -> SceneObject:
+    """A tracked fruit with what a scene told of it, as far as the looks confirm that.
+
+    A fruit that was told surely and hangs where it was told, beside what all fruits have moved in
+    ``common`` (3,) [m], stays as it was told. Of other fruits, a stem that is bent or grows from
+    another is kept, shifted with its fruit.
+    """
+    if told is None or told.stem is None or item.stem is None:
+        return item
+    moved = item.position - told.position
+    if told.covariance is None and float(np.linalg.norm(moved - common)) <= CONTROL.settled:
+        return replace(told.shifted(common), role=item.role)
+    points = item.stem.points
+    if len(told.stem.points) > 2:
+        points = told.stem.points + (item.position - told.stem.points[0])
+    return replace(item, stem=replace(item.stem, points=points, parent=told.stem.parent))
 
 
 def tracked_at_most(scene: Scene, most: int) -> Scene:
@@ -199,19 +223,6 @@ def first_tracks(scene: Scene, known: float) -> list[SceneObject]:
     return [o if o.covariance is not None else replace(o, covariance=assumed) for o in fruits]
 
 
-def _as_grown(item: SceneObject, known: Stem | None) -> SceneObject:
-    """A tracked fruit on the stem that the scene states, where that is bent or grows from another.
-
-    A bent stem is shifted with its fruit.
-    """
-    if item.stem is None or known is None:
-        return item
-    points = item.stem.points
-    if len(known.points) > 2:
-        points = known.points + (item.position - known.points[0])
-    return replace(item, stem=replace(item.stem, points=points, parent=known.parent))
-
-
 def target_row(tracked: Tracked) -> int | None:
     """The row of the confirmed target; None: there is none."""
     for row, (role, sure) in enumerate(zip(tracked.roles, tracked.confirmed, strict=True)):
@@ -222,15 +233,33 @@ def target_row(tracked: Tracked) -> int | None:
 
 def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
     """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
-    tool, row = robot.tool, target_row(tracked)
-    if tool is None or row is None:
-        return tool is not None
-    point, axis = robot.tool_pose(q)
-    away = tracked.positions[row] - point
-    along = float(away @ axis)
-    aside = float(np.linalg.norm(away - along * axis))
+    row = target_row(tracked)
+    if robot.tool is None or row is None:
+        return robot.tool is not None
     spread = float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))  # along any direction
-    return aside > max(tool.mouth[1], 0.01) + spread or along > tool.depth + spread
+    return not inside(robot, q, tracked.positions[row], spread)
+
+
+def inside(robot: Robot, q: FloatArray, place: FloatArray, spread: float = 0.0) -> bool:
+    """Whether a ``place`` (3,), known to ``spread`` [m], is in the mouth of the tool at ``q``."""
+    if robot.tool is None:
+        return False
+    point, axis = robot.tool_pose(q)
+    along = float((place - point) @ axis)
+    aside = float(np.linalg.norm(place - point - along * axis))
+    return aside <= max(robot.tool.mouth[1], 0.01) + spread and along <= robot.tool.depth + spread
+
+
+def untold(look: Look, base: Scene, reach: float) -> Look:
+    """A look without what ``base`` says is there to be avoided, within ``reach`` [m]: it stands."""
+    known = [item.position for item in base.objects if item.role == "avoid"]
+    kept = tuple(
+        item
+        for item in look.detections
+        if item.role != "avoid"
+        or all(math.dist(look.camera @ item.position, place) > reach for place in known)
+    )
+    return look if len(kept) == len(look.detections) else replace(look, detections=kept)
 
 
 MOUTH = np.array([0.6, 1.2, 1.8])  # heights below the rim of balls of one radius: a choice
@@ -299,21 +328,18 @@ def appeared(planned: Scene, tracked: Tracked) -> list[str]:
     return [name for name, confirmed in sure if confirmed and name not in before]
 
 
-def changed(planned: Scene, tracked: Tracked) -> float:
-    """Largest motion of a fruit against the mean of all [m]; infinite for a new or lost fruit."""
-    before = {o.id for o in planned.objects if o.role in ("target", "pushable")}
+def moved_by(planned: Scene, tracked: Tracked, apart: bool = False) -> float:
+    """Largest motion of a fruit since a scene was planned in [m]; infinite for a new or lost fruit.
+
+    ``apart``: against the mean of all.
+    """
+    fruits = {o.id for o in planned.objects if o.role in ("target", "pushable")}
     now = {name for name, sure in zip(tracked.ids, tracked.confirmed, strict=True) if sure}
-    if before != now:
+    if appeared(planned, tracked) or fruits - now:
         return float(np.inf)
-    _, moved, _ = displaced(planned, tracked)
-    return float(np.linalg.norm(moved - moved.mean(axis=0), axis=1).max(initial=0.0))
-
-
-def restless(tracked: Tracked, times: FloatArray) -> float:
-    """Largest predicted displacement of a fruit from its rest at ``times`` (M,) [s], in [m]."""
-    return float(
-        np.linalg.norm(tracked.moves(times)[:, tracked.confirmed], axis=2).max(initial=0.0)
-    )
+    _, by, _ = displaced(planned, tracked)
+    by = by - by.mean(axis=0) if apart else by
+    return float(np.linalg.norm(by, axis=1).max(initial=0.0))
 
 
 def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
@@ -344,27 +370,6 @@ def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     return {name: by for name, by in pushed.items() if float(np.linalg.norm(by)) > MOVED}
 
 
-def gave_way(
-    scene: Scene, look: Look, tracked: Tracked, pushed: Mapping[str, FloatArray],
-    parameters: LoopParameters,
-) -> list[tuple[SceneObject, FloatArray]]:  # fmt: skip
-    """The pushed fruits of a plan's scene that a look shows, and their displacements (3,) [m].
-
-    ``tracked``: at the time of the look. ``pushed``: predicted displacements (3,), by id [m].
-    """
-    fruits = {item.id: item for item in scene.objects if item.stem is not None}
-    found = np.array([look.camera @ item.position for item in look.detections]).reshape(-1, 3)
-    out = []
-    for row, name in enumerate(tracked.ids):
-        if name not in pushed or name not in fruits or not len(found):
-            continue
-        away = np.linalg.norm(found - tracked.positions[row], axis=1)
-        by = found[int(away.argmin())] - (tracked.positions[row] - pushed[name])
-        if away.min() <= parameters.reach and np.linalg.norm(by) >= parameters.yielded:
-            out.append((fruits[name], by))
-    return out
-
-
 AHEAD = np.array([0.1, 0.3, 0.6, 1.0])  # [s] at which the plant's motion is compared: a choice
 
 
@@ -375,8 +380,7 @@ class Driver:
         course: that runs; None: the arm has not moved.
         route: that the course follows, or that the arm waits for; None: there is none.
         still: the scene of what stands still; its goal is the begin.
-        blind: whether routes are followed as they are, whatever the plant does.
-        held: (3,) displacement of the target's rest when the tool took it [m]; None: it has not.
+        held: whether the target moves with the tool.
     """
 
     def __init__(
@@ -386,8 +390,8 @@ class Driver:
         self.robot, self._rest, self._parameters = robot, State(state.q), parameters
         self.course: Course | None = None
         self.route: Route | None = None
-        self.blind = False
-        self.held: FloatArray | None = None
+        self.held = False
+        self._offset: FloatArray | None = None  # (3,) of the target's rest when it was taken [m]
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
@@ -468,25 +472,25 @@ class Driver:
 
         Where the tool presses all other fruits, the common sway of the plant is followed alone.
         """
-        route = self.route
+        route, self.held = self.route, True
         assert route is not None
         before, row = route.scene.target, target_row(tracked)
         others = [item for item in route.scene.objects if item.role != "target"]
         fruits = {item.id for item in others if item.role == "pushable"}
         if fruits <= set(pushed_by(route, self.phase(now))):
-            self.held = np.zeros(3)
+            self._offset = np.zeros(3)
             if before is not None and row is not None:
-                self.held = tracked.rest[row] - before.position
+                self._offset = tracked.rest[row] - before.position
         else:
             scene = replace(route.scene, objects=rooted(others), goal=self.still.goal)
             self.route = replace(route, scene=scene)
 
     def _field(self, route: Route, tracked: Tracked) -> Displacement:
-        if self.held is None:
+        if self._offset is None:
             places, moved, rows = displaced(route.scene, tracked)
             length = self._parameters.field
             return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
-        offset = self.held
+        offset = self._offset
         return Displacement(
             np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]
         )
@@ -496,8 +500,6 @@ class Driver:
         route, begins = self.route, now + self._parameters.lead
         assert route is not None
         waits = self.course is None or math.isinf(self.course.rate)
-        if self.blind and not waits:
-            return None
         phase = self.phase(begins)
         field = self._field(route, tracked)
         shift = _ahead(route, phase, begins, field)
@@ -511,11 +513,8 @@ class Driver:
     ) -> Stretch | None:
         """The course along a route in a ``field``; ``shift`` (4, 3): its displacements ahead."""
         begins = now + self._parameters.lead
-        if self.blind:
-            course: Course | None = Course(route.trajectory, begins, phase, 1.0)
-        else:
-            course = follow(route, phase, self.state(begins), begins, field, self._parameters)
-        if course is None or not (self.blind or self.safe(course.curve)):
+        course = follow(route, phase, self.state(begins), begins, field, self._parameters)
+        if course is None or not self.safe(course.curve):
             return None
         self._shift = shift
         self.course, self.route, self._followed = course, route, now

@@ -12,7 +12,8 @@ class LoopParameters(Checked):
     period: float = parameter(0.02, "s", "choice", "of a cycle: 50 Hz")
     lead: float = parameter(0.02, "s", "choice", "from a cycle to the takeover of its curve")
     slice_steps: int = parameter(6, "1", "measured", "of a search in a cycle; one takes 1 ms")
-    slice_seconds: float = parameter(0.008, "s", "choice", "that a search gets in a cycle")
+    standing_steps: int = parameter(16, "1", "choice", "of a search while the arm stands")
+    slice_seconds: float = parameter(0.008, "s or inf", "choice", "that a search gets in a cycle")
     allowance: float = parameter(0.12, "s", "choice", "from a search in motion to where it begins")
     first_look: float = parameter(0.4, "s", "choice", "of looking from the start before a plan")
     look: float = parameter(0.5, "s", "choice", "of looking from the camera point")
@@ -22,8 +23,8 @@ class LoopParameters(Checked):
     views: tuple[float, ...] = parameter((25.0, 50.0), "deg", "choice", "turns to four sides")
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
     tries: int = parameter(3, "1", "choice", "looks again, after a retreat or a refused plan")
-    accepted: float = parameter(2.5, "1", "choice", "harm over that of a success, on the last try")
-    hopeless: float = parameter(4.2, "1", "choice", "the same of a push that is broken off")
+    # of a pick that was a success: a harm that is predicted again varies by 0.1 to 0.5
+    budget: float = parameter(1.25, "1", "measured", "harm over that of a success, predicted again")
     checked: float = parameter(0.1, "s", "choice", "between two predictions of a push, at least")
     changed: float = parameter(0.002, "m", "choice", "motion of a fruit that asks for a prediction")
     still: float = parameter(2e-4, "m", "choice", "of the path: below, the running curve goes on")
@@ -33,11 +34,7 @@ class LoopParameters(Checked):
     # of the time of the rest of a path
     rates: tuple[float, ...] = parameter((1.0, 1.3, 2.0, 3.0), "1", "choice", "factors tried")
     tail: float = parameter(0.3, "s", "choice", "in which a curve comes to rest with the plant")
-    felt: float = parameter(0.3, "N", "guess", "deviation of a force from the push model's")
-    learnt: float = parameter(0.01, "m", "choice", "path between two observations of the stems")
-    reach: float = parameter(0.025, "m", "choice", "from a pushed fruit's track to its detection")
-    told: float = parameter(1.8, "1", "choice", "spread of the stems' stiffness that plans may use")
-    yielded: float = parameter(0.006, "m", "choice", "least displacement that tells of a stem")
+    reach: float = parameter(0.025, "m", "choice", "from what is to be avoided to its detection")
     hold: float = parameter(0.5, "s", "choice", "that the tool moves with the plant at the target")
     stuck: float = parameter(1.0, "s", "choice", "of waiting for a course onto a route")
     picture_moved: float = parameter(0.001, "m", "choice", "of the camera: an equal picture is old")
@@ -56,7 +53,6 @@ class LoopParameters(Checked):
     remembered: float = parameter(4.0, "s", "choice", "of the arm's motion, for looks")
     fall: float = parameter(0.4, "m/s", "choice", "downwards, above that of a plant: it falls")
     dropped: float = parameter(0.02, "m", "choice", "of the target below its place, likewise")
-    restless: float = parameter(0.005, "m", "choice", "swing above which accepted is 1")
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 

@@ -1,5 +1,8 @@
 """Ways out of the plant for a tool that stopped on its way in."""
 
+import math
+from operator import itemgetter
+
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.leg_tasks import distance_of, full_model, held
 from optipromp.core.planning.parameters import BACK
@@ -11,12 +14,13 @@ from optipromp.core.pushing.path import length
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 
 
-def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArray]:
-    """Waypoints (T, n) of ways out of the plant, the least harmful first.
+def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[tuple[FloatArray, float]]:
+    """Ways out of the plant, the least harmful first: waypoints (T, n), and harm over what a pick
+    may do.
 
     ``reach``: the plan that was followed. ``q``: (k, n) configurations on it so far. ``holding``:
     whether the tool leaves with its target, else without. Where no model of fruits on stems
-    applies, the way back along ``q`` alone.
+    applies, the way back along ``q`` alone, with no harm.
     """
     robot, model = reach.robot, reach.push_model
     distance = length(robot.tool_pose(q)[0])
@@ -25,11 +29,11 @@ def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[FloatArr
     elif isinstance(model, Continued):
         model = model.lead
     if not isinstance(model, Hanging) or len(q) < 3:
-        return [back_along(q, robot.tool_pose(q)[0], distance)]
+        return [(back_along(q, robot.tool_pose(q)[0], distance), 0.0)]
     proposed = [(way, way.followed(robot, q[-1])) for way in ways(robot, q, distance)]
     found = [(way, one) for way, one in proposed if one is not None]
     out = Leaving(model, *tool_motion(robot, q))
     found.sort(key=lambda item: item[0].harm(out, BACK.screened))
     first, rest = found[: BACK.judged], found[BACK.judged :]
-    first.sort(key=lambda item: item[0].harm(out, out.states))
-    return [one for _, one in (*first, *rest)]
+    told = [(one, way.harm(out, out.states) / out.threshold) for way, one in first]
+    return [*sorted(told, key=itemgetter(1)), *((one, math.inf) for _, one in rest)]

@@ -61,14 +61,12 @@ class LoopOptions:
 
     Attributes:
         closed_loop: Detect, plan, detect again from near, and correct the motion all the time.
-        looks_only: Of the loop: execute the plan that is made from near without correction.
         noise (NAME): Of the detections: perfect, zero-mean, detector (perfect).
         latency (SECONDS): Of the detections: how late they come (0.06).
         camera (MOUNT): Where the camera is: palm, hand or beside (palm).
     """
 
     closed_loop: bool = False
-    looks_only: bool = False
     noise: str | None = None
     latency: float | None = None
     camera: str | None = None
@@ -77,7 +75,6 @@ class LoopOptions:
         """Refuse options that are of a loop where there is none, or of a plan in a loop.
         ``further``: options that are of a plan, by name; None where they are not given."""
         ours = {
-            "--looks-only": self.looks_only or None,
             "--noise": self.noise,
             "--latency": self.latency,
             "--camera": self.camera,
@@ -126,7 +123,7 @@ def pick(
         if not known:
             alone = replace(parameters, disturbance=replace(moving, shift=0.0, jump=0.0))
             seen = seen_at_once(seen, truth, seed, alone)
-    return picked(Situation(truth, seen, detector, parameters), seed, servo=not eyes.looks_only)
+    return picked(Situation(truth, seen, detector, parameters), seed)
 
 
 def loop_document(loop: "Loop") -> dict[str, Any]:
@@ -137,7 +134,7 @@ def loop_document(loop: "Loop") -> dict[str, Any]:
     return {
         "planner": "opti-promp",
         "plan_status": made[-1].status if made else None,
-        "loop": "closed" if loop.controller.servo else "looks",
+        "loop": "closed",
         "result": loop.result,
         "stage": loop.stage,
         "decisions": [
@@ -257,7 +254,7 @@ def simulate(
         with waiting(f"picking in {(truth or seen).name} ..."):
             loop = pick(seen, truth, parameters, eyes, seed)
         further = loop_document(loop)
-        told = f"{further['loop']} loop: {loop.result}"
+        told = f"closed loop: {loop.result}"
         return _report(loop.run, told, further, (folder, leave(loop.run, loop=loop)))
     plan = _plan(scene_or_plan, planner, seed, arm.of(robot), reach)
     first, *later = legs_of(plan).values()

@@ -13,18 +13,19 @@ from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
 from optipromp.core.execution.executor import TIE, standing
 from optipromp.core.execution.streaming import Line, Stretch
-from optipromp.core.planning import Plan
-from optipromp.core.planning.legs import Picked, brought, led_out
-from optipromp.core.planning.result import AFTER, CARRY
-from optipromp.core.planning.task import posed, resolve
+from optipromp.core.planning import Plan, plan
+from optipromp.core.planning.leg_tasks import carried
+from optipromp.core.planning.legs import Picked
+from optipromp.core.planning.result import AFTER, CARRY, REACH, RETREAT
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.shown import Shown
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.looks.viewer.serving import FRAME_RATE, FRAMES, REST, recording
-from optipromp_loop.control.controller import Controller, LoopStage
-from optipromp_loop.control.driver import path_back, target_row, tracked_scene
+from optipromp_loop.control.controller import Controller
+from optipromp_loop.control.stages import LoopStage
 from optipromp_loop.control.tracker import Tracked
 from optipromp_sim.simulation.detector import Detector, Eye
 from optipromp_sim.simulation.engine import engine
@@ -219,42 +220,27 @@ def _placed(
 def bring(
     simulation: Simulation, pick: Pick[Outcome], controller: Controller, done: Rollout
 ) -> tuple[Rollout, Outcome, Picked | None]:
-    """Retreat and carry after a reach in closed loop, in the scene as it is tracked by then.
+    """The carry after a pick in closed loop, planned from where the arm is by then.
 
-    Without a place the arm leaves by the retreat of least harm, whatever its harm.
+    ``done``: records of the pick.
 
-    ``done``: records of the reach.
-
-    Returns: Records and judgement of the whole, and the pick; None where the reach did not succeed.
+    Returns: Records and judgement of the whole, and the pick with this carry; None without one.
     """
-    outcome = pick.judged()
-    leaves = controller.scene.place is None
-    if not (outcome.success and controller.plans):
-        return done, replace(outcome, placed=None if leaves else False), None
-    set_out = max((e.time for e in controller.events if e.stage is LoopStage.GO), default=0.0)
-    q = np.vstack([done.reference[done.times >= set_out], pick.reference.q])
-    made, robot = controller.plans[-1], controller.robot
-    tracked = controller.tracker.at(pick.arena.time)
-    seen = target_row(tracked) is not None
-    scene = tracked_scene(controller.scene, tracked) if seen else made.scene
-    curve = path_back(robot, q, controller.parameters.retreat_speed)
-    task = replace(resolve(scene, robot, State(curve.positions[0])), risk=made.risk)
-    reach: Plan = replace(
-        made, task=task, status=Code.SUCCESS, reason="executed in closed loop", notes=(),
-        trajectory=curve, initial=curve, followed=curve, first=0,
-    )  # fmt: skip
+    outcome, place = pick.judged(), controller.scene.place
+    if place is None or not (outcome.success and controller.holding):
+        return done, replace(outcome, placed=None if place is None else False), None
+    legs = controller.picks[-1].legs
+    scene, robot = carried(legs[RETREAT], place)
     try:
-        picked = brought(led_out(reach))
+        made = plan(replace(scene, start=pick.reference.q), robot=robot)
     except OptiPrompError as error:
-        if leaves:
-            return done, outcome, None
         return done, _unplaced(outcome, f"no way to the place: {error.message}"), None
-    p = simulation.parameters
-    rollout(Legs(*(leg.slowed(1.0 / p.control.speed) for leg in _after(picked, leaves))), pick)
+    p, reach = simulation.parameters, replace(legs[REACH], status=Code.SUCCESS)  # it is executed
+    picked = Picked({REACH: reach, CARRY: made})
+    rollout(Legs(*(leg.slowed(1.0 / p.control.speed) for leg in _after(picked, False))), pick)
     records = pick.records or done
-    return (
-        records, _placed(picked, records, pick.judged(), p.thresholds.placed, leaves), picked,
-    )  # fmt: skip
+    outcome = _placed(picked, records, pick.judged(), p.thresholds.placed, False)
+    return records, outcome, Picked({**legs, CARRY: made})
 
 
 def _unplaced(outcome: Outcome, why: str) -> Outcome:
@@ -362,7 +348,7 @@ class Loop:
         trace: see :class:`Trace`.
         controller: with its events and its tracker.
         detector: the camera.
-        picked: reach, retreat and, in a scene with a place, carry after a reach that succeeded.
+        picked: in a scene with a place, the pick with the carry that was executed.
     """
 
     run: Run
@@ -379,28 +365,23 @@ class Loop:
         return "gave_up" if result == "missed" and self.stage is LoopStage.GAVE_UP else result
 
 
-def closed_loop(
-    simulation: Simulation, controller: Controller, eye: Eye, *, wrench: bool = False
-) -> Loop:
+def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loop:
     """Let the controller pick in the simulation until it ends, and judge what happened.
 
-    After a pick, the retreat of :func:`optipromp.plan_pick` follows, in a scene with a place the
-    carry, too, planned from where the arm is by then and executed without looks.
+    In a scene with a place the carry follows, planned from where the arm is by then and executed
+    without looks.
 
     Args:
         simulation: of the true scene, with its disturbances.
         controller: of the same robot.
         eye: the camera.
-        wrench: whether the arm reports the force on its tool.
     """
     began = time.perf_counter()
-    agent, p = Controlled(controller, wrench), simulation.parameters
+    agent, p = Controlled(controller), simulation.parameters
     pick = Pick(simulation, eye, p.engine.settle, controller.parameters.period)
     rollout(agent, pick)
-    moved = simulation.time
-    outcome, records, picked = pick.judged(), simulation.rollout(moved), None
-    if outcome.picked is not None and controller.robot.tool is not None and not agent.gripped:
-        records, outcome, picked = bring(simulation, pick, controller, records)
+    records = simulation.rollout(simulation.time)
+    records, outcome, picked = bring(simulation, pick, controller, records)
     run = Run(
         simulation.scene, simulation.robot, p, simulation.seed, records, outcome,
         time.perf_counter() - began,
@@ -411,8 +392,8 @@ def closed_loop(
 class Controlled:
     """A controller as an agent, until it has ended; it keeps what it saw and did."""
 
-    def __init__(self, controller: Controller, wrench: bool = False) -> None:
-        self.controller, self.wrench, self.gripped = controller, wrench, False
+    def __init__(self, controller: Controller) -> None:
+        self.controller = controller
         self._line: Line | None = None
         self._cycles: list[tuple[float, LoopStage, Tracked, int]] = []
         self._looks: list[Look] = []
@@ -426,13 +407,11 @@ class Controlled:
         for look in pick.looks:
             controller.see(look)
         self._looks += pick.looks
-        if self.wrench:
-            controller.feel(pick.arena.wrench()[:3])
         stretch = controller(now, pick.state, pick.reference)
-        if controller.holding and not self.gripped:
-            self.gripped, target = True, pick.arena.scene.target
-            if target is not None and target.id in pick.arena.held():
-                pick.take()
+        target = pick.arena.scene.target
+        takes = controller.holding and pick.taken is None
+        if takes and target is not None and target.id in pick.arena.held():
+            pick.take()
         line = self._line or Line.of(standing(controller.robot, pick.reference), now)
         if stretch is not None:
             line = line.until(stretch.begins, now).then(stretch, stretch.begins - TIE)

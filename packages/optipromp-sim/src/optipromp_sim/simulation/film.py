@@ -407,7 +407,7 @@ def _draw(scene: Any, loop: Loop, record: LoopRecord, index: int) -> None:
             )  # fmt: skip
     rows = np.unique(np.linspace(0, index, min(index + 1, BEHIND)).astype(int))
     _line(scene, rollout.tool_point[rows], PASSED, THIN)
-    colour = BACK if record.stages[row] == "retreat" else PLANS[record.plans[row] % len(PLANS)]
+    colour = BACK if record.stages[row] == "leave" else PLANS[record.plans[row] % len(PLANS)]
     _line(scene, record.path(row), colour, THICK)
 
 

@@ -217,6 +217,13 @@ class Simulation:
             world.model.geom_conaffinity[own] &= ~int(Layer.ROBOT)
             self._gripped = True
 
+    def close(self) -> None:
+        """Hold the target, as :meth:`grip` does, if it is in the tool and not held already."""
+        target, weld = self.scene.target, self._world.model.equality(GRIP).id
+        if self._run.data.eq_active[weld] or target is None or target.id not in self.held():
+            return
+        self.grip()
+
     def state(self) -> State:
         """Measured positions and velocities of the joints; the acceleration is the reference's."""
         drives, run = self._world.drives, self._run

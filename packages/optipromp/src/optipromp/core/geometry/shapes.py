@@ -418,8 +418,6 @@ class PointCloudShape(Shape, Validated, error=InvalidSceneError):
         raise InvalidSceneError("a point cloud has no mesh")
 
 
-
-
 def _end_balls(line: FloatArray, low: float, high: float, length: float) -> BallPair:
     """Balls at z = -length/2 of radius ``low`` and at z = length/2 of radius ``high``."""
     up = np.array([0.0, 0.0, 1.0])
