@@ -18,13 +18,14 @@ from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench import tracks
 from optipromp_bench.entrant import Motion
 from optipromp_bench.episode import Episode, FlightWorld, as_it_came
-from optipromp_bench.experiments.eyes import aimed_at, without_fruits
+from optipromp_bench.experiments.eyes import aimed_at, cameras, without_fruits
 from optipromp_bench.experiments.rows import Key, Row
 from optipromp_bench.flight import Word
 from optipromp_bench.serve import Apart, Entry, hired
 from optipromp_bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp_sim.generate.plants import untold
 from optipromp_sim.simulation import Outcome, Simulation
+from optipromp_sim.simulation.photograph import photograph
 from optipromp_sim.simulation.rollouts import Legs, Pick, rollout
 from optipromp_sim.situations import CONDITIONS, Situation, varied
 
@@ -90,7 +91,9 @@ def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
     given = (setting.seen, seed)
     if task.track == "picture":
         known = replace(without_fruits(setting.scene), name=NEUTRAL)
-        given = (tracks.photographed(setting, task.drawn("physics")), known, seed)  # type: ignore[assignment]
+        shown = replace(setting.scene, camera=cameras(setting.scene)[0])
+        picture = photograph(shown, "beside", task.drawn("physics")).picture
+        given = (picture, known, seed)  # type: ignore[assignment]
     try:
         entry.begin()
         motion = tracks.asked(lambda: entry.plan(*given), setting.seen)

@@ -16,7 +16,7 @@ motion is all that an entry did, so both engines execute it, and ``bench verify`
 
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal, Protocol, cast
 
 import numpy as np
@@ -31,9 +31,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench.entrant import Motion, Refused, motion_of
 from optipromp_bench.episode import LONGEST, Driven, Episode, Observation
-from optipromp_eyes.pictures import DepthPicture
 from optipromp_sim.simulation.rollouts import Turn, rollout
-from optipromp_sim.situations import Situation
 
 MOTION = 60.0  # [s] of a motion: a choice; plans take 4 to 12 s
 ROWS = 100_000  # of a motion: a choice; a millisecond apart, 60 s have 60,000
@@ -228,12 +226,3 @@ def replayed(motion: Deed, episode: Episode) -> None:
     rollout(again, episode)
     if not episode.over(leaving=False):
         raise InvalidRequestError(f"{len(actions)} actions, after which the episode goes on")
-
-
-def photographed(situation: Situation, seed: int) -> DepthPicture:
-    """The picture of a scene from beside."""
-    from optipromp_bench.experiments.eyes import cameras
-    from optipromp_sim.simulation.photograph import photograph
-
-    scene = situation.scene
-    return photograph(replace(scene, camera=cameras(scene)[0]), "beside", seed).picture

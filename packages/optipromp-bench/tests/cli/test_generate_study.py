@@ -81,10 +81,12 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     assert "44–100" in result.stdout  # 3 of 3
     names = {"rows.csv", "study.json", "summary.json", "study.png"}
     assert names <= {p.name for p in tmp_path.iterdir()}
+    assert (tmp_path / "study.png").read_bytes()[:4] == b"\x89PNG"
     again = RUN.invoke(app, [*arguments, "--json"])
     document = json.loads(again.stdout)
     assert document["runs"] == 12
     assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
+    assert json.loads((tmp_path / "summary.json").read_text())["cells"] == document["cells"]
     assert json.loads((tmp_path / "study.json").read_text())["risk"] == 0.03
     refused = RUN.invoke(app, [*arguments, "--risk", "0.01"])
     assert refused.exit_code == 2

@@ -1,4 +1,3 @@
-import json
 import multiprocessing
 import os
 import signal
@@ -25,7 +24,6 @@ from optipromp_bench.experiments.study import (
     row_file,
     run_study,
     study_figure,
-    write_results,
 )
 from optipromp_bench.experiments.trials import run_trials
 
@@ -262,19 +260,6 @@ def test_an_interruption_keeps_the_rows_that_are_done(quick, tmp_path: Path) -> 
     assert len(row_file(small(), tmp_path).rows) == 3
     assert len(run_study(small(), tmp_path, workers=1)) == 6
     assert len({row.key for row in row_file(small(), tmp_path).rows}) == 6
-
-
-def test_results_are_written(quick, tmp_path: Path) -> None:
-    rows = run_study(small(), tmp_path, workers=1)
-    names = write_results(rows, summary(rows), tmp_path)
-    assert {"summary.json", "study.png"} <= set(names)
-    cells = json.loads((tmp_path / "summary.json").read_text())["cells"]
-    assert [(cell["planner"], cell["successes"]) for cell in cells] == [
-        ("straight", 0),
-        ("promp", 3),
-    ]
-    assert (tmp_path / "study.png").read_bytes()[:4] == b"\x89PNG"
-    assert len(study_figure(summary(rows)).axes) == 2
 
 
 def test_the_bars_are_promised_and_picked_and_the_dots_are_executed() -> None:

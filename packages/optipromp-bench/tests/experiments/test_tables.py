@@ -94,6 +94,31 @@ def test_the_studies_of_a_file_run_and_go_on_and_are_told(tmp_path: Path) -> Non
     assert rows == {part: (tmp_path / "out" / part / "rows.csv").read_bytes() for part in rows}
 
 
+KIND = """
+from dataclasses import dataclass
+@dataclass(frozen=True)
+class Doubles:
+    def asks(self):
+        return [{"preset": "none", "seed": seed} for seed in range(3)]
+    def trial(self, ask):
+        return {"result": str(2 * ask["seed"])}
+    @staticmethod
+    def told(parts):
+        return " ".join(row["result"] for row in parts["two"])
+"""
+
+
+def test_a_kind_of_its_own_goes_on_after_a_line_that_was_cut_short(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "doubles.py").write_text(KIND)
+    rows = tmp_path / "out" / "two" / "rows.jsonl"
+    file = 'table = "doubles:Doubles"\n[[study]]\nname = "two"'
+    for _ in range(2):
+        assert ran(tmp_path, file) == (0, "0 2 4\n")
+        assert rows.read_bytes().count(b"\n") == 3
+        rows.write_bytes(rows.read_bytes()[:-5])
+
+
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [

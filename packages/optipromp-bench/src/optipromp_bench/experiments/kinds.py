@@ -16,7 +16,6 @@ from optipromp.core.files import check_folder
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.rows import LOCK, Row, locked, source_version
 
-LINES = "rows.jsonl"
 Ask = Mapping[str, Any]
 
 
@@ -50,7 +49,7 @@ def run_kind(
     """The rows of a study; those that its folder holds, of this version, are not made again."""
     check_folder(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    asks, file = study.asks(), folder / LINES
+    asks, file = study.asks(), folder / "rows.jsonl"
     keys = [json.dumps([source_version(), ask]) for ask in asks]
     with locked(folder / LOCK):
         content = file.read_bytes() if file.exists() else b""
