@@ -31,7 +31,7 @@ SCENES: list[tuple[Any, str]] = [
     (with_fruit(sigma=1e200), "must be 0 to 10"),
     (with_fruit(position=[0, 0, 1e300]), "at most 1e+06"),
     (MINIMAL | {"name": "a\x1b[31m"}, "control characters"),
-    (MINIMAL | {"name": "a" * 5000}, "at most"),
+    (MINIMAL | {"name": "a" * 5000}, "1 to 1000"),
     (MINIMAL | {"name": "a\x00"}, "control characters"), (MINIMAL | {"name": "\u202e"}, "control"),
     (MINIMAL | {"robot": "../../etc/arm.urdf"}, "OPTIPROMP_FOLDERS"),
     (with_object(shape={"mesh": {"file": "/etc/a.stl"}}), "outside the folder"),

@@ -130,7 +130,7 @@ def test_a_state_that_cannot_be_read_in_motion(often: Any) -> None:
         return given(now, *states)
 
     error = trouble(arm, source)
-    assert "the state could not be read (InvalidRequestError: q of a state is [nan" in error.message
+    assert "the state could not be read (InvalidRequestError: state.q[0] is nan" in error.message
     assert error.message.endswith("the arm came to rest")
     assert max(asked) <= 1.01  # a source leads no arm that cannot be seen
     assert_at_rest(arm)

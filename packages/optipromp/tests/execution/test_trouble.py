@@ -90,7 +90,7 @@ def test_one_reading_that_is_far_off_moves_no_reference_far() -> None:
 @pytest.mark.parametrize(
     ("effect", "told"),
     [
-        (no_number, "InvalidRequestError: q of a state is [nan"),
+        (no_number, "InvalidRequestError: state.q[0] is nan"),
         (throws(OSError("no route\nto host")), "OSError: no route"),
         (lambda _: State(np.zeros(3)), "ValueError: 3 joints, where panda has 7"),
         (lambda _: "nowhere", "AttributeError"),

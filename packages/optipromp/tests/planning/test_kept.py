@@ -149,7 +149,10 @@ def test_a_saved_path_is_the_same_path_and_turns_with_the_frame(tmp_path: Path) 
     ("path", "words"),
     [
         ({}, "path: must have upright, plane or both"),
-        ({"upright": {"angle": 120}}, "path.upright.angle is 120: must be above 0 and at most 90"),
+        (
+            {"upright": {"angle": 120}},
+            "path.upright.angle is 120.0: must be above 0 and at most 90",
+        ),
         ({"upright": {}}, "path.upright.angle is missing"),
         ({"upright": {"angle": 5, "axes": DOWN}}, "did you mean 'axis'"),
         (

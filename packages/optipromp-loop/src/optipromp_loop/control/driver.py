@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -519,6 +519,15 @@ class Driver:
         self._shift = shift
         self.course, self.route, self._followed = course, route, now
         return course
+
+    def clear(self, tracked: Tracked, names: Collection[str]) -> bool:
+        """Whether the course touches none of the tracked fruits of some ``names``."""
+        seen = [item for item in tracked.objects() if item.id in names]
+        solid = tuple(replace(item, role="static", stem=None, covariance=None) for item in seen)
+        scene, course = replace(self.still, objects=(*self.still.objects, *solid)), self.course
+        assert course is not None
+        found = judging.judge(scene, self.robot, course.curve, course.curve.at(0.0), begun=True)
+        return not any(item.id in str(contact) for item in seen for contact in found.contacts)
 
     def safe(self, curve: Trajectory) -> bool:
         """Whether a curve keeps the limits and touches nothing that stands, by the judge."""

@@ -215,6 +215,8 @@ class Observe(Stage):
         if self.refused is not None and not loop.hidden(tracked, self.since):
             return None, Next(Stand(GAVE_UP), why)
         left = views(loop.robot, q, p) if self.views is None else self.views
+        if self.refused is not None and self.views is None:
+            left = left[: len(left) // len(p.views)]  # of the first turn: what hides is near
         if self.near and self.refused is None:  # from here it would be seen
             left = []
         for k, view in enumerate(left):
@@ -233,11 +235,13 @@ class Travel(Stage):
     Attributes:
         then: the stage after it.
         told: where the tool is by then.
+        passed: the fruits that were first seen on the way and are clear of it.
     """
 
     name = TRAVEL
     then: Observe
     told: str
+    passed: frozenset[str] = frozenset()
 
     def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         drive, begins = loop.driver, now + loop.parameters.lead
@@ -247,9 +251,11 @@ class Travel(Stage):
             return None, Next(Observe(), "nothing leads onto the path")
         if drive.phase(begins) >= route.duration:
             return drive.brake(begins), Next(self.then, self.told)
-        known = route.scene.target is not None  # not on the way to another view
-        if known and (new := driver.appeared(route.scene, tracked)):
-            return drive.brake(begins), Next(Observe(), f"seen on the way: {', '.join(new)}")
+        new = frozenset(driver.appeared(route.scene, tracked))
+        if route.scene.target is not None and new - self.passed:  # it is not on the way to a view
+            if not drive.clear(tracked, new):
+                return drive.brake(begins), Next(Observe(), f"in the way: {', '.join(sorted(new))}")
+            self.passed = new
         return drive.go_on(now, tracked), None
 
 
