@@ -36,14 +36,15 @@ WIDE, HIGH = 96, 72  # [pixel]
 
 @cache
 def picture() -> Any:
-    """A red ball before a grey wall, as a small camera sees them."""
+    """A red ball before a green wall, as a small camera sees them: near, that it may be ripe."""
     from optipromp.core.scenes.pose import Pose
     from optipromp_eyes import CameraModel, DepthPicture
 
     camera = CameraModel(WIDE, HIGH, 150.0, 150.0, 47.5, 35.5, Pose([0.1, 0.0, 0.5]))
     off = np.hypot(*(camera.rays[:, :, k] for k in range(2)))
-    depth = np.where(off < 0.05, 0.4 - np.sqrt(np.maximum(0.02**2 - (0.4 * off) ** 2, 0.0)), 0.6)
-    rgb = np.where((off < 0.05)[:, :, None], (200, 30, 30), (120, 120, 120)).astype(np.uint8)
+    ball = 0.25 - np.sqrt(np.maximum(0.02**2 - (0.25 * off) ** 2, 0.0))
+    depth = np.where(off < 0.08, ball, 0.6)
+    rgb = np.where((off < 0.08)[:, :, None], (200, 30, 30), (90, 140, 80)).astype(np.uint8)
     return DepthPicture(rgb, depth, camera)
 
 
