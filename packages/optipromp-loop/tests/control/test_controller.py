@@ -75,7 +75,7 @@ def test_a_pick_looks_goes_looks_again_and_goes(usual: Picked, scene: Scene) -> 
 
 
 def test_a_fruit_that_is_first_seen_on_the_way_is_planned_for(scene: Scene) -> None:
-    """One look after the arm set out shows a fruit that hid; the arm stops, and plans anew."""
+    """A look after the arm set out shows a fruit that hid; the pick from near knows it."""
     hidden = scene.pushables[0]
     seen = replace(scene, objects=tuple(o for o in scene.objects if o.id != hidden.id))
 
@@ -86,8 +86,7 @@ def test_a_fruit_that_is_first_seen_on_the_way_is_planned_for(scene: Scene) -> N
 
     done = pick(Controller(seen), scene, eye_of(scene), filtered=filtered)
     assert_sound(done)
-    assert done.stages == [TRAVEL, OBSERVE, TRAVEL, OBSERVE, PUSH, *OUT]
-    assert done.reasons[1].startswith("seen on the way: fruit-")
+    assert done.stages == [TRAVEL, OBSERVE, PUSH, *OUT]
     first, second = done.controller.plans[:2]
     assert len(second.scene.pushables) == len(first.scene.pushables) + 1
     assert done.controller.tries == done.controller.parameters.tries
@@ -109,13 +108,12 @@ def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> No
 
 
 def test_a_plan_whose_way_out_harms_is_none() -> None:
-    """With the target in the tool a fruit jams on the way out."""
-    scene = generate("side-clusters", 76_015)
+    """With the target in the tool a fruit presses a stem on the way out."""
+    scene = generate("cluster", 183_000)
     given = replace(CONTROL, tries=0)
-    left = pick(Controller(scene, parameters=given), scene, eye_of(scene))
+    left = pick(Controller(scene, parameters=given), scene, eye_of(scene, "perfect"))
     assert left.stages[-2:] == [OBSERVE, GAVE_UP]
-    assert left.reasons[-1].startswith("no pick: ")
-    assert "harm is predicted" in left.reasons[-1]
+    assert left.reasons[-1].startswith("no pick: retreat: harm is predicted")
 
 
 def test_the_same_seed_decides_the_same_to_the_bit(usual: Picked, scene: Scene) -> None:
@@ -187,7 +185,7 @@ def test_a_target_that_is_gone_when_the_tool_is_there_is_not_picked(scene: Scene
     """It is lost from sight on the way: the tool retreats, and gives up where it looks."""
 
     def later(looks: tuple[Look, ...]) -> Iterable[Look]:
-        return [look if look.time < 4.0 else next(iter(lost((look,)))) for look in looks]
+        return [look if look.time < 2.3 else next(iter(lost((look,)))) for look in looks]
 
     done = pick(Controller(scene), scene, eye_of(scene), still, 40.0, later)
     assert_sound(done)
@@ -386,19 +384,16 @@ def test_an_error_of_the_program_is_not_hidden(
 def test_a_pick_whose_promise_breaks_gives_way_to_another_or_leaves(
     scene: Scene, budget: float, after: list[LoopStage]
 ) -> None:
-    """As the tool sets out, a fruit is below the target; without a budget of harm it leaves."""
-    begun = list[bool]()
+    """As the tool sets out, a fruit jumps below the target; without a budget of harm it leaves."""
+    begun, first = list[bool](), scene.pushables[0].id
 
     def shown(looks: tuple[Look, ...]) -> Iterable[Look]:
         for look in looks:
             if controller.stage is PUSH:
                 begun.append(True)
             place = look.camera.inverse() @ (scene.target.position - np.array([0.0, 0.0, 0.03]))
-            one = next((o for o in look.detections if o.role == "pushable"), None)
-            more = () if one is None or not begun else (
-                replace(one.shifted(place - one.position), id="more"),
-            )  # fmt: skip
-            yield replace(look, detections=(*look.detections, *more))
+            moved = [o.shifted(place - o.position) if o.id == first else o for o in look.detections]
+            yield replace(look, detections=tuple(moved)) if begun else look
 
     controller = Controller(scene, parameters=replace(CONTROL, tries=0, budget=budget))
     done = pick(controller, scene, eye_of(scene, "perfect"), still, 40.0, shown)

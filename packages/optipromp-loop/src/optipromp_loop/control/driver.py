@@ -527,7 +527,7 @@ class Driver:
         scene, course = replace(self.still, objects=(*self.still.objects, *solid)), self.course
         assert course is not None
         found = judging.judge(scene, self.robot, course.curve, course.curve.at(0.0), begun=True)
-        return not any(item.id in str(contact) for item in seen for contact in found.contacts)
+        return not any(contact.other in names for contact in found.contacts)
 
     def safe(self, curve: Trajectory) -> bool:
         """Whether a curve keeps the limits and touches nothing that stands, by the judge."""
