@@ -81,7 +81,7 @@ class Route:
         came: tuple[Route, float] | None = None,
     ) -> Route:  # fmt: skip
         """The route of a motion that was planned in a ``scene``; from the time ``begin`` [s] on the
-        whole motion of the plant counts."""
+        whole motion of the plant counts; infinite: it does not count at all."""
         points, axes = robot.tool_pose(trajectory.positions)
         share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
         weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
@@ -247,7 +247,8 @@ def inside(robot: Robot, q: FloatArray, place: FloatArray, spread: float = 0.0) 
     point, axis = robot.tool_pose(q)
     along = float((place - point) @ axis)
     aside = float(np.linalg.norm(place - point - along * axis))
-    return aside <= max(robot.tool.mouth[1], 0.01) + spread and along <= robot.tool.depth + spread
+    wide = max(robot.tool.mouth[1], 0.01) + spread  # as deep below the tool point, at most
+    return aside <= wide and -wide <= along <= robot.tool.depth + spread
 
 
 def untold(look: Look, base: Scene, reach: float) -> Look:

@@ -176,7 +176,7 @@ class Observe(Stage):
         ahead = to_camera_point(made.reach) if begins else None
         if ahead is not None:
             loop.picks.append(made)
-            route = Route.along(loop.robot, ahead, made.reach.scene, ahead.duration)
+            route = Route.along(loop.robot, ahead, made.reach.scene, math.inf)
             begun = loop.driver.set_out(route, now, tracked)
             return begun, Next(Travel(Observe(near=True), "at the camera point"), told)
         kept = self.near and bool(loop.picks) and loop.picks[-1].success
