@@ -65,7 +65,7 @@ def test_a_test_reaches_its_folder_and_what_is_shared_reaches_everything(estate:
 
 
 def test_a_helper_reaches_the_tests_that_import_it() -> None:
-    told = reach(ROOT, ["tests/ros/recorded.py", "scripts/walls.toml"])
+    told = reach(ROOT, ["tests/ros/camera_messages.py", "scripts/walls.toml"])
     assert "packages/optipromp-ros/tests" in told.full
     assert "packages/optipromp-loop/tests" not in told.full
     loop = reach(ROOT, ["packages/optipromp-loop/src/optipromp_loop/lerobot.py"])

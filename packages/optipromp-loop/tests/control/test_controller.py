@@ -134,7 +134,7 @@ def test_a_share_of_the_clock_decides_nothing_else(scene: Scene) -> None:
 AWAY = np.array([0.035, 0.0, 0.0])  # [m]
 
 
-def test_the_tool_comes_to_where_the_plant_is_now(usual: Picked, scene: Scene) -> None:
+def test_the_tool_comes_to_where_the_plant_is_now(scene: Scene) -> None:
     """35 mm within 0.4 s, after the tool left the camera point."""
     left = list[float]()
 
@@ -147,7 +147,7 @@ def test_the_tool_comes_to_where_the_plant_is_now(usual: Picked, scene: Scene) -
     done = pick(controller, scene, eye_of(scene), moves)
     assert_sound(done)
     assert done.stages[-4:] == [PUSH, *OUT]
-    assert done.nearest(scene, AWAY) < usual.nearest(scene) + 0.003  # as in a plant that stands
+    assert done.nearest(scene, AWAY) < 0.01  # the cup has room for 15 mm to each side
 
 
 # --- looks --------------------------------------------------------------------------------------
