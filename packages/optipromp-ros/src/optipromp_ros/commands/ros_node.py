@@ -339,17 +339,14 @@ def _listen(
     warn = _warner(node)
 
     def heard(data: bytes) -> None:
+        item = None
         try:
             item = optipromp_ros.from_bytes(data, name)
-        except OptiPrompError as error:
-            warn(f"{topic}: {error}")
-            if lost is not None:
-                lost(topic, error.message)
-            return
-        try:
             take(item, topic)
         except OptiPrompError as error:
             warn(f"{topic}: {error}")
+            if item is None and lost is not None:
+                lost(topic, error.message)
 
     whole = kept or lost is not None
     qos = QoSProfile(
