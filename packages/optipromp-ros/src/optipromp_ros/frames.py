@@ -4,6 +4,7 @@ import bisect
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from itertools import pairwise
+from operator import attrgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -86,6 +87,9 @@ class _Told(NamedTuple):
     pose: Pose  # in the parent
 
 
+_stamp = attrgetter("stamp")
+
+
 class Frames:
     """Frames by name: each one's parent, and its pose there over time.
 
@@ -163,10 +167,6 @@ class Frames:
                 break
             name, pose = up, on @ pose
         return met, ""
-
-
-def _stamp(one: _Told) -> int:
-    return one.stamp
 
 
 def _same(one: tuple[str, Pose], other: tuple[str, Pose]) -> bool:

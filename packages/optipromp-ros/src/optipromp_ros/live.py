@@ -291,10 +291,8 @@ def _goal(k: int, goal: Message, world: LiveScene) -> Goal:
 
 
 def _joint_goal(joints: Sequence[Message], world: LiveScene) -> JointGoal:
-    own, names = (
-        [world.prefix + name for name in world.robot.joint_names],
-        [one.joint_name for one in joints],
-    )
+    own = [world.prefix + name for name in world.robot.joint_names]
+    names = [one.joint_name for one in joints]
     wanted, start = np.array([one.position for one in joints]), world.stated.get("start")
     if set(names) < set(own) and len(set(names)) == len(names) and start is not None:
         q = np.array(start, dtype=np.float64)

@@ -334,9 +334,8 @@ def answer(
         if state is None:
             state = _measured(world, now)
             world = world.at(state.q)
-        scene = world.scene(goals)
         made = plan(
-            scene,
+            world.scene(goals),
             planner=planner,
             demonstrations=demonstrations,
             options=options,

@@ -31,7 +31,11 @@ from optipromp_ros.types import Message, constants, message
 Placed = tuple[shapes.Shape, Pose]  # A shape and its pose in the frame of its object
 
 _BOX, _SPHERE, _CYLINDER = 1, 2, 3  # types of shape_msgs/SolidPrimitive
-_SIZES = {_BOX: 3, _SPHERE: 1, _CYLINDER: 2}
+_SOLIDS: dict[int, tuple[int, Callable[..., shapes.Shape]]] = {  # number of sizes, and the shape
+    _BOX: (3, lambda *sizes: shapes.Box(sizes)),
+    _SPHERE: (1, shapes.Sphere),
+    _CYLINDER: (2, lambda length, radius: shapes.Cylinder(radius, length)),
+}
 _REFUSED = {4: "a cone", 5: "a prism"}
 _SAME = 1e-6  # [m] two spheres and a cylinder that differ from a capsule by less are a capsule
 
@@ -152,20 +156,13 @@ def _placed(
 
 def _solid(item: Message, index: int) -> shapes.Shape:
     where = f"primitives[{index}]"
-    if item.type not in _SIZES:
+    if item.type not in _SOLIDS:
         kind = _REFUSED.get(item.type, f"of type {item.type}")
         raise InvalidSceneError(f"{where} is {kind}: must be a box (1), sphere (2) or cylinder (3)")
-    sizes = [float(size) for size in item.dimensions]
-    if len(sizes) != _SIZES[item.type]:
-        raise InvalidSceneError(
-            f"{where}.dimensions has {len(sizes)} entries: must have {_SIZES[item.type]}"
-        )
-    match item.type:
-        case 1:
-            return shapes.Box((sizes[0], sizes[1], sizes[2]))
-        case 2:
-            return shapes.Sphere(sizes[0])
-    return shapes.Cylinder(sizes[1], sizes[0])
+    sizes, (count, shape) = [float(size) for size in item.dimensions], _SOLIDS[item.type]
+    if len(sizes) != count:
+        raise InvalidSceneError(f"{where}.dimensions has {len(sizes)} entries: must have {count}")
+    return shape(*sizes)
 
 
 def _capsule(parts: Sequence[Placed]) -> Placed | None:
@@ -415,12 +412,10 @@ def planning_scene(scene: Scene, prefix: str = "") -> Message:
     """
     robot, state = posed(scene)
     frame = prefix + root_of(robot)
-    adding = [
-        collision_object(item, frame, scene.approach if item.role == "target" else None)
-        for item in scene.objects
-    ]
-    colors = []
+    adding, colors = [], []
     for item in scene.objects:
+        approach = scene.approach if item.role == "target" else None
+        adding.append(collision_object(item, frame, approach))
         r, g, b = COLORS[item.role]
         colour = message("std_msgs/msg/ColorRGBA", r=r, g=g, b=b, a=1.0)
         colors.append(message("moveit_msgs/msg/ObjectColor", id=object_id(item), color=colour))

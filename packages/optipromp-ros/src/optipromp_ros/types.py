@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import functools
 import os
-import shutil
 import struct
 import tempfile
 import warnings
@@ -191,25 +190,21 @@ def write_bag(path: str | os.PathLike[str], items: Iterable[Recorded]) -> None:
         raise InvalidRequestError(f"{path} exists: a bag must have a path of its own")
     single = path.suffix == ".mcap"
     plugin = StoragePlugin.MCAP if single else StoragePlugin.SQLITE3
-    folder: str | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        folder = tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent)
-        made = Path(folder) / path.stem if single else Path(folder) / path.name
-        with Writer(made, version=_METADATA_VERSION, storage_plugin=plugin) as writer:
-            topics: dict[tuple[str, str], Connection] = {}
-            for topic, item, stamp in items:
-                key = topic, item.__msgtype__
-                if key not in topics:
-                    topics[key] = writer.add_connection(*key, typestore=store)
-                writer.write(topics[key], stamp, store.serialize_cdr(item, key[1]))
-        source = next(made.glob("*.mcap")) if single else made
-        source.replace(path)
+        beside = {"prefix": f".{path.name}.", "dir": str(path.parent)}
+        with tempfile.TemporaryDirectory(**beside, ignore_cleanup_errors=True) as folder:
+            made = Path(folder) / (path.stem if single else path.name)
+            with Writer(made, version=_METADATA_VERSION, storage_plugin=plugin) as writer:
+                topics: dict[tuple[str, str], Connection] = {}
+                for topic, item, stamp in items:
+                    key = topic, item.__msgtype__
+                    if key not in topics:
+                        topics[key] = writer.add_connection(*key, typestore=store)
+                    writer.write(topics[key], stamp, store.serialize_cdr(item, key[1]))
+            (next(made.glob("*.mcap")) if single else made).replace(path)
     except Exception as error:  # values that ROS has no bytes for raise errors of any kind
         raise InvalidRequestError(f"cannot write the bag {path}: {error}") from error
-    finally:
-        if folder is not None:
-            shutil.rmtree(folder, ignore_errors=True)
 
 
 def read_bag(

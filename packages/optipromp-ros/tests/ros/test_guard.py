@@ -81,14 +81,6 @@ def test_states_that_are_not_understood_are_none() -> None:
         arm.filter.heard(message("sensor_msgs/msg/JointState", name=["finger"], position=[0.0]), 0)
 
 
-def test_a_clock_that_is_set_back_does_not_keep_a_state_young() -> None:
-    arm = Arm()
-    before = list(arm.cycles(20))[-1]
-    arm.now -= 10**10
-    stopped(arm, before, list(arm.cycles(40, heard=False)))
-    assert arm.filter.status().message.startswith("joint states are 9.20 s ahead of the clock")
-
-
 def test_what_cannot_be_decided_brakes(monkeypatch: pytest.MonkeyPatch) -> None:
     arm = Arm()
     before = list(arm.cycles(20))[-1]

@@ -11,13 +11,14 @@ from time import monotonic_ns, sleep
 from typing import TYPE_CHECKING, Any
 
 import optipromp
+import optipromp_ros
 from optipromp.cli.command import command
 from optipromp.cli.console import Recorded, say_if_compiling
 from optipromp.core.errors import ExecutionError, InvalidRequestError, OptiPrompError
 
 if TYPE_CHECKING:
     from optipromp_eyes.watcher import Watcher
-    from optipromp_ros import DetectionParameters, GuardFilter, LiveScene, Message, PickLoop
+    from optipromp_ros import LiveScene, Message
 
 HERE = 1.0  # [s] in which a controller that runs is found: a choice
 ACCEPTS = 5.0  # [s] in which a controller accepts a goal, or rejects it: a choice
@@ -90,25 +91,23 @@ def ros_node(
             "ros-node needs ROS 2 and finds no rclpy: source the setup.bash of a ROS 2 "
             "installation, and start it with the Python of that installation"
         ) from None
-    from optipromp_ros import GuardFilter, LiveScene, PickLoop
     from optipromp_ros.live import DETECTIONS
 
     say_if_compiling()
+    place, meaning = optipromp.load_scene(scene), None if role is None else _meaning(role)
     if guard is not None:
-        meaning = None if role is None else _meaning(role)
-        filtered = GuardFilter(optipromp.load_scene(scene), meaning, prefix)
+        filtered = optipromp_ros.GuardFilter(place, meaning, prefix)
         _filter(filtered, guard, execute or "~/commands", detections)
-        return
-    if loop:
-        meaning = None if role is None else _meaning(role)
+    elif loop:
         seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
-        place = optipromp.load_scene(scene)
         with _watcher(place, pictures is not None, eyes) as watcher:
-            pick = PickLoop(place, parameters=meaning, rate=rate, prefix=prefix, watcher=watcher)
+            pick = optipromp_ros.PickLoop(
+                place, parameters=meaning, rate=rate, prefix=prefix, watcher=watcher
+            )
             _pick(pick, seen, execute or "~/joint_trajectory")
-        return
-    settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
-    _serve(_World(LiveScene.of(optipromp.load_scene(scene), prefix)), settings, execute)
+    else:
+        settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
+        _serve(_World(optipromp_ros.LiveScene.of(place, prefix)), settings, execute)
 
 
 class _World:
@@ -137,7 +136,6 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
     from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
     from rclpy.serialization import deserialize_message
 
-    from optipromp_ros import Message, PlanAnswer, answer, to_bytes
     from optipromp_ros.loop import not_executed
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
     from optipromp_ros.types import ERROR, OK, STATUS, WARN, copied, diagnostic
@@ -148,7 +146,7 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
     def tell(level: int, words: str) -> None:
         status(diagnostic(level, "plan", words, world.known.robot.name))
 
-    def heard(item: Message, topic: str) -> None:
+    def heard(item: "Message", topic: str) -> None:
         before, after = world.change(lambda known: known.heard(item, now()))
         if after.arm.why and after.arm is not before.arm:
             warn(f"{topic}: {after.arm.why}")
@@ -165,7 +163,7 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
         for waiting in topics:
             waiting()
         asked = copied(request.motion_plan_request, "moveit_msgs/msg/MotionPlanRequest")
-        found = answer(world.known, asked, now=now(), **settings)
+        found = optipromp_ros.answer(world.known, asked, now=now(), **settings)
         if found.display is not None:
             display(found.display)
         if found.trajectory is not None:
@@ -176,11 +174,11 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
         told = found.response.error_code
         tell(OK if told.val == 1 else ERROR, told.message)
         response.motion_plan_response = deserialize_message(
-            to_bytes(found.response), type(response.motion_plan_response)
+            optipromp_ros.to_bytes(found.response), type(response.motion_plan_response)
         )
         return response
 
-    def follow(found: PlanAnswer) -> None:
+    def follow(found: "optipromp_ros.PlanAnswer") -> None:
         """Publish a plan, and have the controller execute it to its end."""
         assert found.plan is not None
         motion = found.plan.trajectory
@@ -202,15 +200,12 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
     display = _publisher(node, "display_planned_path", "moveit_msgs/msg/DisplayTrajectory")
     status = _publisher(node, "~/status", STATUS)
     controller = _controller(node, execute, lambda words: tell(OK, words)) if execute else None
-    heard_of = (
-        ("planning_scene", "moveit_msgs/msg/PlanningScene", OBJECTS, lost),
-        ("collision_object", "moveit_msgs/msg/CollisionObject", OBJECTS, lost),
-        ("joint_states", "sensor_msgs/msg/JointState", WAITING, None),
+    scenes, objects = "moveit_msgs/msg/PlanningScene", "moveit_msgs/msg/CollisionObject"
+    topics = (
+        _listen(node, "planning_scene", scenes, heard, OBJECTS, lost=lost),
+        _listen(node, "collision_object", objects, heard, OBJECTS, lost=lost),
+        _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard),
     )
-    topics = [
-        _listen(node, topic, name, heard, depth, gone is not None, lost=gone)
-        for topic, name, depth, gone in heard_of
-    ]
     node.create_service(
         GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
     )  # beside that of what is heard
@@ -231,7 +226,6 @@ def _controller(
     from rclpy.action import ActionClient
     from rclpy.serialization import deserialize_message
 
-    from optipromp_ros import to_bytes
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
 
     client = ActionClient(node, FollowJointTrajectory, action)
@@ -248,7 +242,7 @@ def _controller(
     def execute(motion: "Message", duration: float, ready: Callable[[], None]) -> None:
         if not client.wait_for_server(timeout_sec=HERE):
             raise ExecutionError(f"no controller has the action {action}: nothing was sent")
-        item = deserialize_message(to_bytes(motion), _kind(JOINT_TRAJECTORY))
+        item = deserialize_message(optipromp_ros.to_bytes(motion), _kind(JOINT_TRAJECTORY))
         ready()
         goal = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=item))
         handle = waited(goal, "answer to the goal", ACCEPTS)
@@ -265,7 +259,7 @@ def _controller(
     return execute
 
 
-def _filter(filtered: "GuardFilter", asked: str, moved: str, detections: str) -> None:
+def _filter(filtered: "optipromp_ros.GuardFilter", asked: str, moved: str, detections: str) -> None:
     """Carry commands between ROS and the guard until the node is shut down; then the arm brakes.
 
     So it does where an error ends the node. ROS's handlers of signals would end the topics first.
@@ -312,10 +306,8 @@ def _kind(name: str) -> Any:
 
 def _publisher(node: Any, topic: str, name: str) -> Callable[["Message"], None]:
     """What publishes messages of the type ``name``."""
-    from optipromp_ros import to_bytes
-
     made = node.create_publisher(_kind(name), topic, 10)
-    return lambda item: made.publish(to_bytes(item))
+    return lambda item: made.publish(optipromp_ros.to_bytes(item))
 
 
 def _listen(
@@ -324,7 +316,6 @@ def _listen(
     name: str,
     take: Callable[["Message", str], None],
     depth: int = WAITING,
-    reliable: bool = False,
     kept: bool = False,
     lost: Callable[[str, str], None] | None = None,
 ) -> Callable[[], None]:
@@ -339,33 +330,28 @@ def _listen(
         name: of its type.
         take: what gets each message, and the topic.
         depth: how many of them may wait.
-        reliable: no message may be lost; else senders of both kinds are heard, as drivers' best
-            effort.
         kept: also what was sent before, as tf2 sends it.
-        lost: it hears of each message that cannot be decoded, as another release's.
+        lost: it hears of each message that cannot be decoded, as another release's. With it or
+            ``kept`` no message is lost; else senders of both kinds are heard, as of best effort.
     """
     from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-
-    from optipromp_ros import from_bytes
 
     warn = _warner(node)
 
     def heard(data: bytes) -> None:
+        item = None
         try:
-            item = from_bytes(data, name)
-        except OptiPrompError as error:
-            warn(f"{topic}: {error}")
-            if lost is not None:
-                lost(topic, error.message)
-            return
-        try:
+            item = optipromp_ros.from_bytes(data, name)
             take(item, topic)
         except OptiPrompError as error:
             warn(f"{topic}: {error}")
+            if item is None and lost is not None:
+                lost(topic, error.message)
 
+    whole = kept or lost is not None
     qos = QoSProfile(
         depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        reliability=ReliabilityPolicy.RELIABLE if whole else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if kept else DurabilityPolicy.VOLATILE,
     )
 
@@ -396,10 +382,8 @@ def _warner(node: Any) -> Callable[[str], None]:
     return warn
 
 
-def _meaning(given: list[str]) -> "DetectionParameters":
+def _meaning(given: list[str]) -> "optipromp_ros.DetectionParameters":
     """Classes with their roles, as ``CLASS=ROLE`` or ``CLASS=ROLE:stem``."""
-    from optipromp_ros import DetectionParameters
-
     roles, stems = {}, []
     for text in given:
         name, equals, rest = text.rpartition("=")
@@ -408,7 +392,7 @@ def _meaning(given: list[str]) -> "DetectionParameters":
             raise InvalidRequestError(f"--role is {text!r}: must be CLASS=ROLE or CLASS=ROLE:stem")
         roles[name] = role
         stems += [name] if stem else []
-    return DetectionParameters(roles=roles, stems=tuple(stems))
+    return optipromp_ros.DetectionParameters(roles=roles, stems=tuple(stems))
 
 
 def _types(pictures: str) -> dict[str, str]:
@@ -442,7 +426,7 @@ def _watcher(
         yield Watcher(up=scene.up, parameters=p, executor=process)
 
 
-def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
+def _pick(loop: "optipromp_ros.PickLoop", seen: dict[str, str], moved: str) -> None:
     """Carry messages between ROS and the loop until the pick has ended and its curve is sent."""
     import rclpy
     from rclpy.executors import ExternalShutdownException
@@ -466,7 +450,7 @@ def _pick(loop: "PickLoop", seen: dict[str, str], moved: str) -> None:
     node = rclpy.create_node("optipromp")
     curve = _publisher(node, moved, JOINT_TRAJECTORY)
     status = _publisher(node, "~/status", STATUS)
-    _listen(node, "/tf_static", TF, loop.heard, reliable=True, kept=True)
+    _listen(node, "/tf_static", TF, loop.heard, kept=True)
     states = _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard)
     for topic, name in seen.items():
         _listen(node, topic, name, loop.heard, 5)  # pictures are large

@@ -1,10 +1,10 @@
 """Two nodes of ROS 2 that play an arm and a camera: ``python plant.py SCENE``.
 
-The simulation is behind them: the arm follows what comes on ``/arm/joint_trajectory`` and says on
-``/joint_states`` where it is; the camera sends detections on ``/camera/fruits``, and where it is on
-``/tf_static``. Of every two looks the later is sent first, and every tenth joint state comes after
-the next. The time is that of ``/clock``, slower than the wall's, so that a busy machine keeps up.
-At SIGTERM it prints the outcome.
+The simulation is behind them: the arm follows what comes on ``/arm/joint_trajectory``, closes its
+tool when ``/optipromp/status`` says so, and says on ``/joint_states`` where it is; the camera sends
+detections on ``/camera/fruits``, and where it is on ``/tf_static``. Of every two looks the later is
+sent first, and every tenth joint state comes after the next. The time is that of ``/clock``, slower
+than the wall's, so that a busy machine keeps up. At SIGTERM it prints the outcome.
 """
 
 import signal
@@ -15,6 +15,7 @@ from typing import Any
 
 import rclpy
 from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
@@ -56,6 +57,8 @@ class Arm:
         self.node.create_subscription(
             JointTrajectory, "/arm/joint_trajectory", self.heard, 10, raw=True
         )
+        self.node.create_subscription(DiagnosticStatus, "/optipromp/status", self.told, 10)
+        self.closed = False
         self.runs: tuple[Any, float] | None = None
         self.coming: deque[tuple[Any, float]] = deque()
         self.late: JointState | None = None
@@ -65,6 +68,9 @@ class Arm:
         item = from_bytes(data, "trajectory_msgs/msg/JointTrajectory")
         (motion,) = read_trajectories(item, self.joints)
         self.coming.append((motion, nanoseconds(item.header.stamp) / 1e9))
+
+    def told(self, item: DiagnosticStatus) -> None:
+        self.closed |= {one.key: one.value for one in item.values}.get("gripper") == "close"
 
     def reference(self, now: float) -> State:
         while self.coming and self.coming[0][1] <= now:
@@ -108,6 +114,8 @@ def main(path: str) -> None:
             rclpy.spin_once(arm.node, timeout_sec=0.01)
         for _ in range(round(CYCLE / simulation.tick)):
             simulation.step(arm.reference(BEGIN + simulation.time))
+        if arm.closed:
+            simulation.close()
         now, state, f = BEGIN + simulation.time, simulation.state(), simulation.fruits()
         clock.publish(Clock(clock=stamp(now)))
         arm.say(state, now)
