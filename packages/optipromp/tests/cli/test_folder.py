@@ -3,29 +3,18 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import call, read
 
 from optipromp.cli.check import Kind, kind_of
-from optipromp.cli.main import app
 from optipromp.cli.plan import outputs, scene_files
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_pick, load_plan
 from optipromp.core.planning import Picked, Plan, plan
 from optipromp.core.scenes import Place, save_scene
 from optipromp_sim.generate import generate
-
-
-def call(*arguments: object) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return result.exit_code, result.stdout, result.stderr
-
-
-def read(text: str) -> Any:
-    return json.loads(text, parse_constant=pytest.fail)
 
 
 def test_scenes_are_planned_with_all_legs(tmp_path: Path) -> None:

@@ -8,10 +8,10 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import call, read
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -30,15 +30,6 @@ clearance_avoid_tool clearance_self goal_error goal_axis_error limit_violation m
 smoothness duration velocity_ratio acceleration_ratio
 """
 KEYS = {"scene", "planner", "status", "message", "metrics", "terms", "time"}
-
-
-def read(text: str) -> Any:
-    return json.loads(text, parse_constant=pytest.fail)
-
-
-def call(*arguments: str) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, list(arguments))
-    return result.exit_code, result.stdout, result.stderr
 
 
 def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:

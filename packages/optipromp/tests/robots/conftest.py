@@ -32,9 +32,3 @@ def urdf(write: Callable[..., Path]) -> Callable[..., Path]:
         return write(f'<robot name="r">{links}{joints}</robot>')
 
     return _urdf
-
-
-@pytest.fixture(name="joint")
-def joint_fixture() -> Callable[..., str]:
-    """The function ``joint``: a <joint> element as text."""
-    return joint

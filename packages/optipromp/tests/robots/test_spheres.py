@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.robots.covers import worst_gap
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
@@ -19,12 +20,6 @@ from optipromp.core.robots.tool_geometry import (
 
 Writer = Callable[..., Path]
 RNG = np.random.default_rng(0)
-
-
-def worst_gap(points: np.ndarray, cover: np.ndarray) -> float:
-    """How far the worst point lies outside the cover (negative: inside)."""
-    distances = np.linalg.norm(points[:, None] - cover[:, :3], axis=2) - cover[:, 3]
-    return float(distances.min(axis=1).max())
 
 
 def unit(count: int) -> np.ndarray:
