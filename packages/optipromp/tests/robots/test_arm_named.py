@@ -1,13 +1,13 @@
 """Which joints are the arm: by an SRDF, by the name of the arm, by a robot file."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.robots.arms import ARM, GRIPPER, TWO, fixed, robot
 from tests.robots.groups import along, groups
+from tests.robots.links import Writer
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -15,8 +15,6 @@ from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
 from optipromp.core.scenes import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import bare_robot
-
-Writer = Callable[..., Path]
 
 
 def listed(name: str, *joints: str) -> str:

@@ -1,11 +1,8 @@
 """Masses, inertias and torque limits of a URDF, against Pinocchio."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
-from tests.robots.links import joint
+from tests.robots.links import Writer, joint
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -21,7 +18,7 @@ INERTIAL = (
 BALL = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
 
 
-def test_what_segments_carry(write: Callable[..., Path]) -> None:
+def test_what_segments_carry(write: Writer) -> None:
     """A fixed link and a held finger count to the segment that carries them."""
     pin = pytest.importorskip("pinocchio")
     links = "".join(
@@ -49,7 +46,7 @@ def test_what_segments_carry(write: Callable[..., Path]) -> None:
         assert np.allclose(robot.dynamics.inertia[segment], theirs.inertia, atol=1e-12)
 
 
-def test_a_mass_without_a_tensor(write: Callable[..., Path]) -> None:
+def test_a_mass_without_a_tensor(write: Writer) -> None:
     mass = '<inertial><mass value="2"/></inertial>'
     links = f'<link name="a"/><link name="b">{mass}{BALL}</link><link name="c">{BALL}</link>'
     robot = load_robot(
@@ -60,7 +57,7 @@ def test_a_mass_without_a_tensor(write: Callable[..., Path]) -> None:
     assert not robot.dynamics.inertia.any()
 
 
-def test_a_negative_mass_is_refused(write: Callable[..., Path]) -> None:
+def test_a_negative_mass_is_refused(write: Writer) -> None:
     mass = '<inertial><mass value="-2"/></inertial>'
     links = f'<link name="a"/><link name="b">{mass}{BALL}</link>'
     with pytest.raises(InvalidRobotError, match="mass is -2 kg"):
@@ -68,7 +65,7 @@ def test_a_negative_mass_is_refused(write: Callable[..., Path]) -> None:
 
 
 @pytest.mark.parametrize("limit", ["", '<limit lower="-1" upper="1" velocity="-2"/>'])
-def test_a_joint_that_is_held_needs_no_limits(write: Callable[..., Path], limit: str) -> None:
+def test_a_joint_that_is_held_needs_no_limits(write: Writer, limit: str) -> None:
     links = "".join(f'<link name="{name}">{BALL}</link>' for name in ("a", "b", "c", "wheel"))
     joints = joint("ab", "a", "b") + joint("bc", "b", "c") + joint("w", "a", "wheel", limit=limit)
     path = write(f'<robot name="r">{links}{joints}</robot>')
@@ -91,7 +88,7 @@ def heavy(effort: float) -> str:
     return f'<robot name="r">{links}{joints}</robot>'
 
 
-def test_what_gravity_needs(write: Callable[..., Path]) -> None:
+def test_what_gravity_needs(write: Writer) -> None:
     pin = pytest.importorskip("pinocchio")
     path = write(heavy(50.0))
     robot, model = load_robot(path), pin.buildModelFromUrdf(str(path))
@@ -103,7 +100,7 @@ def test_what_gravity_needs(write: Callable[..., Path]) -> None:
 
 
 def test_an_arm_too_weak_for_its_weight_is_told_of(
-    write: Callable[..., Path], recwarn: pytest.WarningsRecorder
+    write: Writer, recwarn: pytest.WarningsRecorder
 ) -> None:
     up = np.array([0.0, 0.0, 1.0])
     strong = load_robot(write(heavy(200.0), "strong.urdf"))

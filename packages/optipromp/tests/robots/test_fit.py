@@ -1,6 +1,5 @@
 """Few spheres over meshes: all of the surface, little beyond it, fitted once."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from tests.robots.covers import worst_gap
+from tests.robots.links import Writer
 
 from optipromp.core.files import npz
 from optipromp.core.robots import load_robot
@@ -16,7 +16,6 @@ from optipromp.readers import fit
 
 trimesh = pytest.importorskip("trimesh")
 
-Writer = Callable[..., Path]
 RADIUS, LENGTH = 0.05, 0.30  # [m] of a capsule, between the middles of its ends
 TURN = trimesh.transformations.rotation_matrix(0.7, (1, 2, 3), (0.1, 0.0, 0.0))
 

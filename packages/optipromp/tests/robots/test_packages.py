@@ -1,11 +1,11 @@
 """Meshes in packages, DAE meshes, and xacro."""
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.links import Writer
 from tests.robots.meshes import mesh, with_mesh
 from typer.testing import CliRunner
 
@@ -13,8 +13,6 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
 from optipromp.readers.packages import package_folders
-
-Writer = Callable[..., Path]
 
 
 def reach(path: Path, **choice: object) -> float:

@@ -1,11 +1,8 @@
 """Which links of a robot from a file are kept apart: SRDF, and what random configurations say."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
-from tests.robots.links import joint
+from tests.robots.links import Writer, joint
 from tests.robots.stock import STOCK, stock
 
 from optipromp.core import judging
@@ -14,8 +11,6 @@ from optipromp.core.optimization.costs.obstacles import self_overlap
 from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.core.robots import Robot, load_robot
 from optipromp.core.scenes import JointGoal, Scene
-
-Writer = Callable[..., Path]
 
 
 def chain(radius: float = 0.05, count: int = 5) -> str:

@@ -6,19 +6,16 @@ import re
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.robots.links import BALL, joint
+from tests.robots.links import BALL, Writer, joint
 from tests.robots.meshes import misnamed
 
 from optipromp.core.errors import Code, InvalidRobotError
 from optipromp.core.robots.library import load_robot
 from optipromp.readers.urdf import read_urdf
-
-Writer = Callable[..., Path]
 
 
 def refused(path: Path, *words: str) -> None:

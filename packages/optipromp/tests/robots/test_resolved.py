@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from tests.robots.links import Writer
 from typer.testing import CliRunner
 
 from optipromp import load_scene, plan
@@ -23,7 +24,6 @@ from optipromp.core.robots.resolved import ARRAYS
 from optipromp.core.scenes.scene import bare_robot
 from optipromp.readers.reading import read_description
 
-Writer = Callable[..., Path]
 BARE = """
 import sys
 for name in ("trimesh", "coal", "xacrodoc", "mujoco", "optipromp.readers"):

@@ -1,18 +1,14 @@
 """Robot files, the built-in robots, and which spheres are kept apart."""
 
 import warnings
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.robots.links import joint
+from tests.robots.links import Writer, joint
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot, robot_names
 from optipromp.core.robots.model import Robot
-
-Writer = Callable[..., Path]
 
 
 def self_clearance(robot: Robot, q: np.ndarray) -> np.ndarray:

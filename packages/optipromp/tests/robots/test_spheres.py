@@ -1,6 +1,5 @@
 """Covers cover: dense samples of each shape lie inside, and the bulge is what was asked for."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.robots.covers import worst_gap
+from tests.robots.links import Writer
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
@@ -18,7 +18,6 @@ from optipromp.core.robots.tool_geometry import (
     cover_cylinder,
 )
 
-Writer = Callable[..., Path]
 RNG = np.random.default_rng(0)
 
 

@@ -1,15 +1,13 @@
 """Tools: where the tool point lies, what the spheres cover, what is refused."""
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from tests.robots.covers import worst_gap
-from tests.robots.links import BALL, joint
+from tests.robots.links import BALL, Writer, joint
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.library import load_robot
@@ -96,7 +94,7 @@ def test_a_second_tool_takes_the_place_of_the_first() -> None:
     np.testing.assert_array_equal(bare.tool_point, panda.tool_point)
 
 
-def test_a_cup_among_the_fingers_of_the_robot_is_told_of(urdf: Callable[..., Path]) -> None:
+def test_a_cup_among_the_fingers_of_the_robot_is_told_of(urdf: Writer) -> None:
     """A finger 0.15 m long stands beside a cup of 0.1 m of neck, and behind one of 0.16 m."""
     rod = (
         '<origin xyz="0.05 0 0.075"/><geometry><cylinder radius="0.005" length="0.15"/></geometry>'

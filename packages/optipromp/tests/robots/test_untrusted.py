@@ -25,8 +25,6 @@ from optipromp.core.scenes.scene import bare_robot
 from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.trials import setting_of
 
-Writer = Callable[..., Path]
-
 CODE = (
     "${(lambda: [c for c in ().__class__.__base__.__subclasses__() "
     "if c.__name__ == '_wrap_close'][0].__init__.__globals__['system']('touch %s'))()}"
