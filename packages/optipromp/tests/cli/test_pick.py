@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests import folders
 from tests.cli.fixtures import invoke
 
 import optipromp_ros as ros
@@ -18,7 +19,7 @@ from optipromp_page.stage import execute, open_source
 from optipromp_sim.generate import generate
 
 LEGS = ["reach", "retreat"]
-FILES = {"plan.json", "trajectory.csv", "trajectory.npz", "waypoints.npz"}
+FILES = {"plan.json", *folders.FILES}
 OUT = {"retreat.csv", "retreat.npz"}
 
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.cli.fixtures import call, read
+from tests.folders import FILES
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
@@ -52,14 +53,7 @@ def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
     }  # fmt: skip
     assert document["predicted_harm"]["harm"] <= document["predicted_harm"]["threshold"]
     assert document["time"]["total"] > 0
-    assert {path.name for path in out.iterdir()} == {
-        "plan.json",
-        "trajectory.csv",
-        "trajectory.npz",
-        "waypoints.npz",
-        "reach.png",
-        "joints.png",
-    }
+    assert {path.name for path in out.iterdir()} == {"plan.json", *FILES, "reach.png", "joints.png"}
     kept = read((out / "plan.json").read_text(encoding="utf-8"))
     assert {key: kept[key] for key in document} == document
     with np.load(out / "trajectory.npz") as archive, (out / "trajectory.csv").open() as file:
@@ -83,18 +77,8 @@ def test_the_report_for_people_says_whether_the_plan_holds() -> None:
 
 
 def test_the_command_plans_what_the_library_plans() -> None:
-    words = [
-        "plan",
-        "scenario-3",
-        "--reach",
-        "--seed",
-        "5",
-        "--set",
-        "waypoints=60",
-        "--duration",
-        "6",
-    ]
-    code, stdout, _ = call(*words, "--json")
+    words = "plan scenario-3 --reach --seed 5 --set waypoints=60 --duration 6 --json"
+    code, stdout, _ = call(*words.split())
     assert code == 0
     from optipromp import PlanOptions
 
@@ -105,10 +89,8 @@ def test_the_command_plans_what_the_library_plans() -> None:
 @pytest.mark.skipif(not RECORDED.exists(), reason="the recorded demonstrations are not here")
 def test_learnt_and_raw_demonstrations_plan_alike(tmp_path: Path) -> None:
     learnt = tmp_path / "learnt.npz"
-    assert (
-        call("learn", str(RECORDED), "--out", str(learnt), "--robot", "panda", "--no-figure")[0]
-        == 0
-    )
+    learn = "learn", RECORDED, "--out", learnt, "--robot", "panda", "--no-figure"
+    assert call(*learn)[0] == 0
     named = tmp_path / "named.npz"
     joints = np.array([f"joint{j}" for j in range(1, 8)])
     np.savez(named, **np.load(RECORDED), joint_names=joints)

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 import yaml
+from tests.cli.fixtures import invoke
 from tests.robots.arms import (
     ARM,
     CAMERA,
@@ -19,9 +20,7 @@ from tests.robots.arms import (
     slide,
 )
 from tests.robots.links import BALL, Writer, joint
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
 from optipromp.readers.chain import words_of
@@ -329,14 +328,14 @@ def test_check_says_what_was_chosen(write: Writer) -> None:
                    origin='<origin rpy="0 1.5707963 0"/>')  # fmt: skip
     path = write(robot(*TORSO, *series("head_", "column", 2), *series("a", "column", 6), turned))
     for tip, angle in (("alink6", "along the axis of a6"), ("tcp", "90 degrees from the axis")):
-        result = CliRunner().invoke(app, ["check", str(path), "--tip", tip])
+        result = invoke("check", str(path), "--tip", tip)
         assert result.exit_code == 0
         said = dict(line.split(maxsplit=1) for line in result.stdout.splitlines()[1:])
         assert said["flange"] == tip
         assert said["base"] == "column"
         assert said["held"] == "lift, head_1, head_2"
         assert angle in result.stdout
-    assert "tip 'tcp' (same joints)" in CliRunner().invoke(app, ["check", str(path)]).stdout
+    assert "tip 'tcp' (same joints)" in invoke("check", str(path)).stdout
 
 
 @pytest.mark.parametrize(

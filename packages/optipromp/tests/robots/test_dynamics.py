@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import invoke
 from tests.robots.links import Writer, joint
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.robots import load_robot
@@ -116,6 +115,6 @@ def test_an_arm_too_weak_for_its_weight_is_told_of(
     for name, load, unit in zip(weak.joint_names, need, ("N m", "N", "N m"), strict=True):
         assert (f"{name} needs {load:.3g} {unit} (at most 5)" in told) == (load > 5.0)
     assert (need > 5.0).any()
-    result = CliRunner().invoke(app, ["check", str(path)])
+    result = invoke("check", str(path))
     assert result.exit_code == 0
     assert "r cannot hold itself at home" in " ".join(result.output.split())
