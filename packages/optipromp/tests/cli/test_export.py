@@ -5,11 +5,9 @@ import json
 import numpy as np
 import pytest
 from tests.cli.fixtures import invoke
-from typer.testing import CliRunner
 
 import optipromp_ros as ros
 from optipromp import load_robot
-from optipromp.cli.main import app
 
 
 def test_a_plan_is_written_as_a_model(reach, tmp_path):
@@ -59,7 +57,7 @@ def test_a_plan_becomes_a_bag_that_is_valid(reach, tmp_path):
     assert topics["/joint_trajectory"].joint_names[0] == "fr3_joint1"
     rows = np.load(reach / "trajectory.npz")["times"]  # at 1000 Hz, too
     assert len(topics["/joint_trajectory"].points) == len(rows) > 3000
-    judged = CliRunner().invoke(app, ["validate", str(bag), "--scene", "scenario-3"])
+    judged = invoke("validate", str(bag), "--scene", "scenario-3")
     assert judged.exit_code == 0
     scene = tmp_path / "scene.mcap"
     assert invoke("export", "scenario-3", "--mcap", scene).exit_code == 0

@@ -11,11 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import call, read
+from tests.cli.fixtures import call, invoke, read
 from tests.folders import FILES
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
 from optipromp.core.output import load_plan
 from optipromp.core.planning import plan
 from optipromp.core.scenes.io import save_scene
@@ -187,7 +185,7 @@ def test_a_second_picture_is_asked_for_where_it_would_help(
         )
     )
     save_scene(scene, tmp_path / "seen.yaml")
-    done = CliRunner().invoke(app, ["plan", str(tmp_path / "seen.yaml"), "--json"])
+    done = invoke("plan", str(tmp_path / "seen.yaml"), "--json")
     assert done.exit_code == 1
     document = json.loads(done.stdout)
     assert document["status"] == "HARM_PREDICTED"
