@@ -1,5 +1,9 @@
 """Links and joints of a URDF."""
 
+from collections.abc import Callable
+from pathlib import Path
+
+Writer = Callable[..., Path]  # of the fixtures ``write`` and ``urdf``
 BALL = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
 
 

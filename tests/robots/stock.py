@@ -13,12 +13,17 @@ STOCK = {  # of 300 configurations; docs/add-a-robot.md has more
 }
 
 
-def stock(name: str) -> Path:
+def installed(end: str) -> Path:
+    """The file of the package example-robot-data whose path ends so; without it the test skips."""
     from importlib.metadata import PackageNotFoundError, files
 
     try:
         listed = files("example-robot-data") or []
     except PackageNotFoundError:
         pytest.skip("example-robot-data is not installed: pip install 'packages/optipromp[models]'")
-    found = [p for p in listed if str(p).endswith(STOCK[name][0])]
+    found = [p for p in listed if str(p).endswith(end)]
     return Path(str(found[0].locate())).resolve()
+
+
+def stock(name: str) -> Path:
+    return installed(STOCK[name][0])

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.folders import FILES
 from tests.robots.builders import TOOLS, cup_parts, joined, write_obj
 
 from optipromp import OptiPrompError, load_plan, load_robot, with_tool, write_plan
@@ -26,12 +27,7 @@ def result(request: pytest.FixtureRequest) -> Plan:
 
 def test_a_plan_comes_back_as_it_was(result: Plan, tmp_path: Path) -> None:
     names = write_plan(result, tmp_path / "reach")
-    assert set(names) == {
-        "plan.json",
-        "trajectory.csv",
-        "trajectory.npz",
-        "waypoints.npz",
-    }
+    assert set(names) == {"plan.json", *FILES}
     assert {path.name for path in (tmp_path / "reach").iterdir()} == set(names)
     for source in (tmp_path / "reach", tmp_path / "reach" / "plan.json"):
         again = load_plan(source)

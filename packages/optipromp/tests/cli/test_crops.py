@@ -5,15 +5,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
-from optipromp.cli.main import app
 from optipromp.core.scenes import load_crop, load_scene
 from optipromp.core.scenes.crops import crop_from_dict, crop_to_dict, save_crop
 
 
 def run(*words: object, code: int = 0) -> Any:
-    done = CliRunner().invoke(app, [*map(str, words), "--json"])
+    done = invoke(*map(str, words), "--json")
     assert done.exit_code == code, done.output
     return json.loads(done.stdout)
 
@@ -65,7 +64,7 @@ def test_a_study_tells_which_guess_changes_a_result(frail: Path, tmp_path: Path)
     assert [cell["kept"] for cell in made["cells"]] == [1, 0, 1]
     assert made["cells"][1]["causes"] == {"crushed": 1}
     assert [cell["changed"] for cell in made["cells"]] == [0, 1, 0]
-    people = CliRunner().invoke(app, [*told, "--vary", "crop"])
+    people = invoke(*told, "--vary", "crop")
     assert "changed" in people.stdout
     run("report", tmp_path, "--out", tmp_path / "report.html")
     report = (tmp_path / "report.html").read_text()

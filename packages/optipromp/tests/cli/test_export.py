@@ -4,27 +4,22 @@ import json
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
 import optipromp_ros as ros
 from optipromp import load_robot
-from optipromp.cli.main import app
-
-
-def invoke(*arguments):
-    return CliRunner().invoke(app, ["export", *map(str, arguments)])
 
 
 def test_a_plan_is_written_as_a_model(reach, tmp_path):
     mujoco = pytest.importorskip("mujoco")
     model = tmp_path / "new" / "reach.xml"
-    result = invoke(reach, "--mjcf", model, "--json")
+    result = invoke("export", reach, "--mjcf", model, "--json")
     assert result.exit_code == 0
     document = json.loads(result.stdout)
     assert (document["status"], document["message"]) == ("success", "")
     assert document["files"] == {"mjcf": str(model)}
     assert mujoco.MjModel.from_xml_path(str(model)).nu == 7
-    again = invoke(reach / "plan.json", "--mjcf", tmp_path / "again.xml")
+    again = invoke("export", reach / "plan.json", "--mjcf", tmp_path / "again.xml")
     assert again.exit_code == 0
     assert again.stdout == f"wrote {tmp_path / 'again.xml'}\n"
     assert (tmp_path / "again.xml").read_bytes() == model.read_bytes()
@@ -44,17 +39,17 @@ def test_a_plan_is_written_as_a_model(reach, tmp_path):
 )
 def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
-    result = invoke(*arguments)
+    result = invoke("export", *arguments)
     assert result.exit_code == 2
     assert words in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
-    assert json.loads(invoke(*arguments, "--json").stdout)["files"] == {}
+    assert json.loads(invoke("export", *arguments, "--json").stdout)["files"] == {}
     assert not list(tmp_path.iterdir())
 
 
 def test_a_plan_becomes_a_bag_that_is_valid(reach, tmp_path):
     bag = tmp_path / "reach.mcap"
-    result = invoke(reach, "--mcap", bag, "--prefix", "fr3_", "--json")
+    result = invoke("export", reach, "--mcap", bag, "--prefix", "fr3_", "--json")
     assert result.exit_code == 0
     assert json.loads(result.stdout)["files"] == {"mcap": str(bag)}
     topics = {item.topic: item.message for item in ros.read_bag(bag)}
@@ -62,17 +57,17 @@ def test_a_plan_becomes_a_bag_that_is_valid(reach, tmp_path):
     assert topics["/joint_trajectory"].joint_names[0] == "fr3_joint1"
     rows = np.load(reach / "trajectory.npz")["times"]  # at 1000 Hz, too
     assert len(topics["/joint_trajectory"].points) == len(rows) > 3000
-    judged = CliRunner().invoke(app, ["validate", str(bag), "--scene", "scenario-3"])
+    judged = invoke("validate", str(bag), "--scene", "scenario-3")
     assert judged.exit_code == 0
     scene = tmp_path / "scene.mcap"
-    assert invoke("scenario-3", "--mcap", scene).exit_code == 0
+    assert invoke("export", "scenario-3", "--mcap", scene).exit_code == 0
     assert [item.topic for item in ros.read_bag(scene)] == ["/planning_scene"]
 
 
 def test_the_robot_of_a_scene_or_by_name_is_written_resolved(tmp_path):
     files = {item: tmp_path / f"{item}.robot" for item in ("panda", "scenario-3")}
     for item, file in files.items():
-        result = invoke(item, "--robot", file, "--json")
+        result = invoke("export", item, "--robot", file, "--json")
         assert result.exit_code == 0
         assert json.loads(result.stdout)["files"] == {"robot": str(file)}
     assert files["panda"].read_bytes() == files["scenario-3"].read_bytes()

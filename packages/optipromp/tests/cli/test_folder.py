@@ -3,29 +3,19 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import call, read
+from tests.folders import FILES
 
 from optipromp.cli.check import Kind, kind_of
-from optipromp.cli.main import app
 from optipromp.cli.plan import outputs, scene_files
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_pick, load_plan
 from optipromp.core.planning import Picked, Plan, plan
 from optipromp.core.scenes import Place, save_scene
 from optipromp_sim.generate import generate
-
-
-def call(*arguments: object) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
-    return result.exit_code, result.stdout, result.stderr
-
-
-def read(text: str) -> Any:
-    return json.loads(text, parse_constant=pytest.fail)
 
 
 def test_scenes_are_planned_with_all_legs(tmp_path: Path) -> None:
@@ -63,9 +53,7 @@ def test_generated_scenes_are_planned_each_into_its_folder(tmp_path: Path) -> No
     for record in document["scenes"]:
         folder = Path(record["out"])
         assert folder.parent == plans
-        assert {path.name for path in folder.iterdir()} == {
-            "plan.json", "trajectory.csv", "trajectory.npz", "waypoints.npz",
-        }  # fmt: skip
+        assert {path.name for path in folder.iterdir()} == {"plan.json", *FILES}
         assert kind_of(str(folder)) is Kind.PLAN
         kept, alone = load_plan(folder), plan(record["file"])
         assert (kept.trajectory.positions == alone.trajectory.positions).all()
@@ -108,9 +96,7 @@ def test_a_folder_without_scenes_is_refused(tmp_path: Path) -> None:
 
 def test_a_folder_of_a_plan_is_no_folder_of_scenes_and_its_file_no_robot(tmp_path: Path) -> None:
     call("plan", "scenario-3", "--planner", "promp", "--out", tmp_path, "--no-figures")
-    assert {path.name for path in tmp_path.iterdir()} == {
-        "plan.json", "trajectory.csv", "trajectory.npz", "waypoints.npz",
-    }  # fmt: skip
+    assert {path.name for path in tmp_path.iterdir()} == {"plan.json", *FILES}
     with pytest.raises(InvalidRequestError, match="for 'simulate'"):
         scene_files(tmp_path)
     assert kind_of(str(tmp_path / "plan.json")) is Kind.PLAN

@@ -7,17 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
-from optipromp.cli.main import app
 from optipromp.core.output import load_plan
 from optipromp.core.planning.collision import free
 
 SHOWN = Path(__file__).parents[4] / "docs/scene-format.md"
-
-
-def invoke(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 @pytest.fixture

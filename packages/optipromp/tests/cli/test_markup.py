@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
-from optipromp.cli.main import app
 from optipromp.core.scenes import load_scene, save_scene
 from optipromp.core.scenes.scene import Scene
 
@@ -25,7 +24,7 @@ def named(name: str, scene: str = "scenario-3") -> Scene:
 
 
 def told(*words: str) -> str:
-    done = CliRunner().invoke(app, list(words))
+    done = invoke(*words)
     assert done.exit_code < 2, done.output
     assert done.exception is None or isinstance(done.exception, SystemExit)
     return done.stdout

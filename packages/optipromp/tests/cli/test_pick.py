@@ -3,15 +3,14 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests import folders
+from tests.cli.fixtures import invoke
 
 import optipromp_ros as ros
 from optipromp import Picked, Plan, load_pick, load_plan, plan
-from optipromp.cli.main import app
 from optipromp.core.files import read_npz
 from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.core.scenes.scene import PoseGoal
@@ -20,19 +19,15 @@ from optipromp_page.stage import execute, open_source
 from optipromp_sim.generate import generate
 
 LEGS = ["reach", "retreat"]
-FILES = {"plan.json", "trajectory.csv", "trajectory.npz", "waypoints.npz"}
+FILES = {"plan.json", *folders.FILES}
 OUT = {"retreat.csv", "retreat.npz"}
-
-
-def call(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 @pytest.fixture(scope="module")
 def pick(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a pick in scenario-4, to read only."""
     out = tmp_path_factory.mktemp("plan") / "pick"
-    done = call("plan", "scenario-4", "--no-figures", "--out", out, "--json")
+    done = invoke("plan", "scenario-4", "--no-figures", "--out", out, "--json")
     assert done.exit_code == 0, done.stdout
     document = json.loads(done.stdout)
     assert list(document["legs"]) == LEGS
@@ -56,7 +51,7 @@ def test_a_pick_is_written_with_its_way_out(pick: Path) -> None:
 
 def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
-    done = call("simulate", pick, "--out", tmp_path, "--json")
+    done = invoke("simulate", pick, "--out", tmp_path, "--json")
     assert done.exit_code == 0, done.stdout
     made = load_pick(pick)
     told, rollout = json.loads(done.stdout), read_npz(tmp_path / "rollout.npz")
@@ -67,7 +62,7 @@ def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_
     place = rollout["fruit_positions"][:, row]
     assert np.linalg.norm(place[-1] - place[0]) > 0.09  # [m] a retreat is 0.1 long
     assert not rollout["attached"][-1, row]  # its stem is cut
-    alone = call("simulate", pick, "--reach", "--out", tmp_path, "--json")
+    alone = invoke("simulate", pick, "--reach", "--out", tmp_path, "--json")
     assert json.loads(alone.stdout)["duration"] < told["duration"] - 1.0
 
 
@@ -75,9 +70,9 @@ def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Pat
     """All who are asked of the pick say the same."""
     pytest.importorskip("mujoco")
     save_scene(generate("table-top", 743004), tmp_path / "scene.yaml")
-    alone = call("plan", tmp_path / "scene.yaml", "--reach", "--json")
+    alone = invoke("plan", tmp_path / "scene.yaml", "--reach", "--json")
     assert json.loads(alone.stdout)["status"] == "HARM_PREDICTED"
-    done = call(
+    done = invoke(
         "plan", tmp_path / "scene.yaml", "--no-figures", "--out", tmp_path / "pick", "--json"
     )
     document = json.loads(done.stdout)
@@ -87,34 +82,34 @@ def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Pat
     assert isinstance(made, Picked)
     assert made.success
     for command in ("check", "validate", "simulate"):
-        assert call(command, tmp_path / "pick").exit_code == 0, command
+        assert invoke(command, tmp_path / "pick").exit_code == 0, command
     assert "success, the reach in" in plan_report(tmp_path / "pick").decode()
 
 
 def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     save_scene(generate("table-top", 743009), tmp_path / "scene.yaml")
-    done = call("plan", tmp_path / "scene.yaml", "--no-figures", "--out", tmp_path, "--json")
+    done = invoke("plan", tmp_path / "scene.yaml", "--no-figures", "--out", tmp_path, "--json")
     document = json.loads(done.stdout)
     assert document["legs"]["reach"]["status"] == "success"
     harmful = document["legs"]["retreat"]["status"]
     assert (done.exit_code, document["status"]) == (1, harmful)
     assert document["message"].startswith("retreat: ")
-    assert call("check", tmp_path).exit_code == call("validate", tmp_path).exit_code == 1
-    told = json.loads(call("simulate", tmp_path, "--json").stdout)
+    assert invoke("check", tmp_path).exit_code == invoke("validate", tmp_path).exit_code == 1
+    told = json.loads(invoke("simulate", tmp_path, "--json").stdout)
     assert "; the way out failed: retreat: " in told["message"]
 
 
 def test_a_reach_alone_replaces_a_pick(tmp_path: Path) -> None:
     for words, files in (((), FILES | OUT), (("--reach",), FILES)):
-        done = call("plan", "scenario-4", *words, "--no-figures", "--out", tmp_path)
+        done = invoke("plan", "scenario-4", *words, "--no-figures", "--out", tmp_path)
         assert done.exit_code == 0, done.stdout
         assert {path.name for path in tmp_path.iterdir()} == files
     found = load_pick(tmp_path)
     assert isinstance(found, Plan)
     alone = plan("scenario-4")
     assert np.array_equal(found.trajectory.positions, alone.trajectory.positions)
-    assert call("plan", "scenario-4", "--retreat").exit_code == 2
+    assert invoke("plan", "scenario-4", "--retreat").exit_code == 2
 
 
 def test_without_a_tool_or_a_target_a_reach_is_planned(tmp_path: Path) -> None:
@@ -129,13 +124,13 @@ def test_without_a_tool_or_a_target_a_reach_is_planned(tmp_path: Path) -> None:
     }
     for name, one in scenes.items():
         save_scene(one, tmp_path / f"{name}.yaml")
-        done = call("plan", tmp_path / f"{name}.yaml", "--no-figures", "--json")
+        done = invoke("plan", tmp_path / f"{name}.yaml", "--no-figures", "--json")
         assert done.exit_code in (0, 1), done.stderr
         assert "legs" not in json.loads(done.stdout)
 
 
 def test_a_reach_that_fails_has_its_own_document() -> None:
-    done = call("plan", "scenario-1", "--json")
+    done = invoke("plan", "scenario-1", "--json")
     document = json.loads(done.stdout)
     assert (done.exit_code, document["status"]) == (1, "GOAL_IN_COLLISION")
     assert "legs" not in document
@@ -143,14 +138,14 @@ def test_a_reach_that_fails_has_its_own_document() -> None:
 
 
 def test_targets_are_planned_in_an_order(tmp_path: Path) -> None:
-    done = call("plan", "scenario-4", "--targets", "ripe", "--no-figures", "--out", tmp_path)
+    done = invoke("plan", "scenario-4", "--targets", "ripe", "--no-figures", "--out", tmp_path)
     assert done.exit_code == 0, done.stdout
     assert load_plan(tmp_path / "1-ripe").success
 
 
 @pytest.mark.parametrize("planner", ["promp", "i-promp"])
 def test_other_planners_have_a_way_out_too(planner: str) -> None:
-    document = json.loads(call("plan", "scenario-4", "--planner", planner, "--json").stdout)
+    document = json.loads(invoke("plan", "scenario-4", "--planner", planner, "--json").stdout)
     reach = plan("scenario-4", planner=planner)
     assert document["metrics"]["goal_error"] == pytest.approx(reach.metrics.goal_error)
     assert ("legs" in document) == reach.success
@@ -158,12 +153,12 @@ def test_other_planners_have_a_way_out_too(planner: str) -> None:
 
 def test_a_pick_is_checked_judged_exported_and_shown_to_its_end(pick: Path, tmp_path: Path) -> None:
     made = load_pick(pick)
-    checked = json.loads(call("check", pick, "--json").stdout)
+    checked = json.loads(invoke("check", pick, "--json").stdout)
     assert checked["duration"] == pytest.approx(made.duration)
     assert list(checked["legs"]) == LEGS
-    judged = json.loads(call("validate", pick, "--json").stdout)
+    judged = json.loads(invoke("validate", pick, "--json").stdout)
     assert [leg["status"] for leg in judged["legs"].values()] == ["success", "success"]
-    assert call("export", pick, "--mcap", tmp_path / "pick.mcap").exit_code == 0
+    assert invoke("export", pick, "--mcap", tmp_path / "pick.mcap").exit_code == 0
     topics = {item.topic: item.message for item in ros.read_bag(tmp_path / "pick.mcap")}
     assert {"/joint_trajectory", "/joint_trajectory/retreat"} < set(topics)
     assert len(topics["/display_planned_path"].trajectory) == 2

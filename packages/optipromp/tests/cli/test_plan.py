@@ -8,13 +8,12 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import call, invoke, read
+from tests.folders import FILES
 
-from optipromp.cli.main import app
 from optipromp.core.output import load_plan
 from optipromp.core.planning import plan
 from optipromp.core.scenes.io import save_scene
@@ -30,15 +29,6 @@ clearance_avoid_tool clearance_self goal_error goal_axis_error limit_violation m
 smoothness duration velocity_ratio acceleration_ratio
 """
 KEYS = {"scene", "planner", "status", "message", "metrics", "terms", "time"}
-
-
-def read(text: str) -> Any:
-    return json.loads(text, parse_constant=pytest.fail)
-
-
-def call(*arguments: str) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, list(arguments))
-    return result.exit_code, result.stdout, result.stderr
 
 
 def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
@@ -61,14 +51,7 @@ def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
     }  # fmt: skip
     assert document["predicted_harm"]["harm"] <= document["predicted_harm"]["threshold"]
     assert document["time"]["total"] > 0
-    assert {path.name for path in out.iterdir()} == {
-        "plan.json",
-        "trajectory.csv",
-        "trajectory.npz",
-        "waypoints.npz",
-        "reach.png",
-        "joints.png",
-    }
+    assert {path.name for path in out.iterdir()} == {"plan.json", *FILES, "reach.png", "joints.png"}
     kept = read((out / "plan.json").read_text(encoding="utf-8"))
     assert {key: kept[key] for key in document} == document
     with np.load(out / "trajectory.npz") as archive, (out / "trajectory.csv").open() as file:
@@ -92,18 +75,8 @@ def test_the_report_for_people_says_whether_the_plan_holds() -> None:
 
 
 def test_the_command_plans_what_the_library_plans() -> None:
-    words = [
-        "plan",
-        "scenario-3",
-        "--reach",
-        "--seed",
-        "5",
-        "--set",
-        "waypoints=60",
-        "--duration",
-        "6",
-    ]
-    code, stdout, _ = call(*words, "--json")
+    words = "plan scenario-3 --reach --seed 5 --set waypoints=60 --duration 6 --json"
+    code, stdout, _ = call(*words.split())
     assert code == 0
     from optipromp import PlanOptions
 
@@ -114,10 +87,8 @@ def test_the_command_plans_what_the_library_plans() -> None:
 @pytest.mark.skipif(not RECORDED.exists(), reason="the recorded demonstrations are not here")
 def test_learnt_and_raw_demonstrations_plan_alike(tmp_path: Path) -> None:
     learnt = tmp_path / "learnt.npz"
-    assert (
-        call("learn", str(RECORDED), "--out", str(learnt), "--robot", "panda", "--no-figure")[0]
-        == 0
-    )
+    learn = "learn", RECORDED, "--out", learnt, "--robot", "panda", "--no-figure"
+    assert call(*learn)[0] == 0
     named = tmp_path / "named.npz"
     joints = np.array([f"joint{j}" for j in range(1, 8)])
     np.savez(named, **np.load(RECORDED), joint_names=joints)
@@ -214,7 +185,7 @@ def test_a_second_picture_is_asked_for_where_it_would_help(
         )
     )
     save_scene(scene, tmp_path / "seen.yaml")
-    done = CliRunner().invoke(app, ["plan", str(tmp_path / "seen.yaml"), "--json"])
+    done = invoke("plan", str(tmp_path / "seen.yaml"), "--json")
     assert done.exit_code == 1
     document = json.loads(done.stdout)
     assert document["status"] == "HARM_PREDICTED"

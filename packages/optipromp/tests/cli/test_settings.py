@@ -1,10 +1,10 @@
 """``--set key=value``: settings of the planners from the command line."""
 
-import json
 from dataclasses import fields
 from typing import Any
 
 import pytest
+from tests.cli.fixtures import call, read
 from typer.testing import CliRunner
 
 from optipromp.cli.catalogue import asked, documented
@@ -12,15 +12,6 @@ from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import ConditionedProMP, IProMP, OptiProMP, PlanOptions
 from optipromp_paper.paper import Paper
-
-
-def call(*arguments: str) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, ["plan", *arguments])
-    return result.exit_code, result.stdout, result.stderr
-
-
-def read(text: str) -> Any:
-    return json.loads(text, parse_constant=pytest.fail)
 
 
 def settings(pairs: list[str], **stated: Any) -> Any:
@@ -128,13 +119,13 @@ def test_every_setting_can_be_set_and_says_what_it_is() -> None:
 
 
 def test_a_setting_is_heeded() -> None:
-    code, stdout, _ = call("scenario-3", "--reach", "--set", "max_step=0.015", "--json")
+    code, stdout, _ = call("plan", "scenario-3", "--reach", "--set", "max_step=0.015", "--json")
     assert code == 0
     assert read(stdout)["metrics"]["max_step"] <= 0.015
 
 
 def test_a_plan_that_does_harm_ends_with_one() -> None:
-    code, stdout, _ = call("scenario-3", "--set", "prediction=false", "--json")
+    code, stdout, _ = call("plan", "scenario-3", "--set", "prediction=false", "--json")
     document = read(stdout)
     assert code == 1
     assert document["status"] == "HARM_PREDICTED"
@@ -148,7 +139,7 @@ def test_a_setting_of_promp_is_heeded() -> None:
     documents = []
     for phase in ("0.4", "0.7"):
         code, stdout, _ = call(
-            "scenario-3", "--planner", "promp", "--set", f"camera_phase={phase}", "--json"
+            "plan", "scenario-3", "--planner", "promp", "--set", f"camera_phase={phase}", "--json"
         )
         assert code == 1  # promp swallows n2
         documents.append(read(stdout))

@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import call
 
 from optipromp import judge, load_scene, plan, robot_of
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning.task import posed
@@ -20,11 +19,6 @@ from optipromp.core.scenes import Stem, save_scene
 from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp_ros import Recorded, joint_trajectory, robot_trajectory, write_bag
 from optipromp_sim.generate import generate
-
-
-def call(*words: str) -> tuple[int, str, str]:
-    result = CliRunner().invoke(app, list(words))
-    return result.exit_code, result.stdout, result.stderr
 
 
 @pytest.fixture(scope="module")

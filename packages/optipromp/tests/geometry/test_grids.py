@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
+from tests.robots.meshes import misnamed
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Box, MeshShape, PointCloudShape, Sphere, distances, grids, pack
@@ -387,35 +388,6 @@ def test_refuses_cloud_files(tmp_path, name, content, words):
     assert name in caught.value.message
 
 
-CORNERS = [(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0), (0, 0, 0.1)]
-HEAD = """ply
-format {kind} 1.0
-element vertex 4
-property float x
-property float y
-property float z
-element face 4
-property list uchar int vertex_indices
-end_header
-"""
-
-
-def tetrahedron(suffix, index):
-    """A closed tetrahedron whose second face has ``index`` in place of its last corner, 3."""
-    rows = [(0, 2, 1), (0, 1, index), (0, 3, 2), (1, 2, 3)]
-    if suffix == "obj":
-        rows = [(1, 3, 2), (1, 2, index), (1, 4, 3), (2, 3, 4)]
-        text = [f"v {x} {y} {z}" for x, y, z in CORNERS] + [f"f {a} {b}/ {c}" for a, b, c in rows]
-        return "\n".join(text).encode()
-    if suffix == "ply":
-        text = [f"{x} {y} {z}" for x, y, z in CORNERS] + [f"3 {a} {b} {c}" for a, b, c in rows]
-        return (HEAD.format(kind="ascii") + "\n".join(text)).encode()
-    flat = [value for corner in CORNERS for value in corner]
-    faces = b"".join(struct.pack("<B3i", 3, *row) for row in rows)
-    head = HEAD.format(kind="binary_little_endian").encode()
-    return head + struct.pack("<12f", *flat) + faces
-
-
 @pytest.mark.parametrize(
     ("suffix", "index", "words"),
     [
@@ -430,8 +402,7 @@ def tetrahedron(suffix, index):
 )
 def test_an_index_of_a_face_that_names_no_vertex_is_refused(tmp_path, suffix, index, words):
     pytest.importorskip("trimesh")
-    path = tmp_path / f"one.{'ply' if suffix == 'binary' else suffix}"
-    path.write_bytes(tetrahedron(suffix, index))
+    path = misnamed(tmp_path, suffix, index)
     with pytest.raises(InvalidSceneError) as caught:
         load_mesh(path)
     assert caught.value.message == f"mesh {path}: {words}"
@@ -440,8 +411,7 @@ def test_an_index_of_a_face_that_names_no_vertex_is_refused(tmp_path, suffix, in
 @pytest.mark.parametrize(("suffix", "index"), [("ply", 3), ("binary", 3), ("obj", 4), ("obj", -1)])
 def test_a_mesh_of_right_indices_is_taken_as_trimesh_alone_takes_it(tmp_path, suffix, index):
     trimesh = pytest.importorskip("trimesh")
-    path = tmp_path / f"one.{'ply' if suffix == 'binary' else suffix}"
-    path.write_bytes(tetrahedron(suffix, index))
+    path = misnamed(tmp_path, suffix, index)
     mesh, alone = load_mesh(path), trimesh.load(path)
     np.testing.assert_array_equal(mesh.vertices, alone.vertices)
     np.testing.assert_array_equal(mesh.faces, alone.faces)

@@ -1,14 +1,13 @@
 """URDF files written for one test."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from tests.robots.links import BALL, joint
+from tests.robots.links import BALL, Writer, joint
 
 
 @pytest.fixture
-def write(tmp_path: Path) -> Callable[..., Path]:
+def write(tmp_path: Path) -> Writer:
     """write(text, name="robot.urdf") -> path."""
 
     def _write(text: str | bytes, name: str = "robot.urdf") -> Path:
@@ -20,7 +19,7 @@ def write(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def urdf(write: Callable[..., Path]) -> Callable[..., Path]:
+def urdf(write: Writer) -> Writer:
     """urdf(joints, links) -> path of a robot; by default links a, b, c and joints ab, bc."""
 
     def _urdf(
@@ -32,9 +31,3 @@ def urdf(write: Callable[..., Path]) -> Callable[..., Path]:
         return write(f'<robot name="r">{links}{joints}</robot>')
 
     return _urdf
-
-
-@pytest.fixture(name="joint")
-def joint_fixture() -> Callable[..., str]:
-    """The function ``joint``: a <joint> element as text."""
-    return joint

@@ -1,12 +1,11 @@
 """Which joints are the arm and which link is the flange: by hand, by SRDF, by rule."""
 
 import re
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from tests.cli.fixtures import invoke
 from tests.robots.arms import (
     ARM,
     CAMERA,
@@ -20,16 +19,11 @@ from tests.robots.arms import (
     series,
     slide,
 )
-from tests.robots.links import BALL, joint
-from typer.testing import CliRunner
+from tests.robots.links import BALL, Writer, joint
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
 from optipromp.readers.chain import words_of
-
-Writer = Callable[..., Path]
-
 
 CASES = {  # joints of the file, tip, base, number of joints of the arm, links of the tool
     "plain": (ARM, "alink6", "base", 6, ()),
@@ -334,14 +328,14 @@ def test_check_says_what_was_chosen(write: Writer) -> None:
                    origin='<origin rpy="0 1.5707963 0"/>')  # fmt: skip
     path = write(robot(*TORSO, *series("head_", "column", 2), *series("a", "column", 6), turned))
     for tip, angle in (("alink6", "along the axis of a6"), ("tcp", "90 degrees from the axis")):
-        result = CliRunner().invoke(app, ["check", str(path), "--tip", tip])
+        result = invoke("check", str(path), "--tip", tip)
         assert result.exit_code == 0
         said = dict(line.split(maxsplit=1) for line in result.stdout.splitlines()[1:])
         assert said["flange"] == tip
         assert said["base"] == "column"
         assert said["held"] == "lift, head_1, head_2"
         assert angle in result.stdout
-    assert "tip 'tcp' (same joints)" in CliRunner().invoke(app, ["check", str(path)]).stdout
+    assert "tip 'tcp' (same joints)" in invoke("check", str(path)).stdout
 
 
 @pytest.mark.parametrize(
@@ -392,7 +386,7 @@ def built(*joints: str) -> str:
 ARM3 = ("j1 base a 0,0,1", "j2 a b 0,1,0", "j3 b c 0,1,0", "j4 c d 1,0,0")
 
 
-def test_bars_of_a_linkage_hold_no_joint_before_them(write: Callable[..., Path]) -> None:
+def test_bars_of_a_linkage_hold_no_joint_before_them(write: Writer) -> None:
     """The turning base was held, as the bars beside the arm counted for another limb."""
     path = write(built(*ARM3, "q1 a p1 0,1,0", "q2 p1 p2 0,-1,0"))
     with pytest.warns(UserWarning, match="joint q1 and what it carries look like bars"):
@@ -401,7 +395,7 @@ def test_bars_of_a_linkage_hold_no_joint_before_them(write: Callable[..., Path])
     assert robot.held_joints == ("q1", "q2")
 
 
-def test_couplings_may_stand_in_a_robot_file(write: Callable[..., Path]) -> None:
+def test_couplings_may_stand_in_a_robot_file(write: Writer) -> None:
     """As of a lift of two stages that one motor drives."""
     write(built(*ARM3))
     words = {"format": 1, "name": "r", "urdf": "robot.urdf"}
@@ -418,7 +412,7 @@ def test_couplings_may_stand_in_a_robot_file(write: Callable[..., Path]) -> None
         load_robot(write(yaml.safe_dump(words), "r.yaml"))
 
 
-def test_soft_limits_are_the_limits_where_they_are_narrower(write: Callable[..., Path]) -> None:
+def test_soft_limits_are_the_limits_where_they_are_narrower(write: Writer) -> None:
     soft = '<safety_controller soft_lower_limit="{}" soft_upper_limit="{}" k_velocity="20"/>'
     parts = ("j1 base a 0,0,1 " + soft.format(-1.5, 1.0), "j2 a b 0,1,0 " + soft.format(0, 0),
              "j3 b c 0,1,0 " + soft.format(-9, 9))  # fmt: skip
@@ -437,7 +431,7 @@ CONTROL = """<ros2_control name="arm" type="system">
 </command_interface></joint></ros2_control></robot>"""
 
 
-def test_limits_that_stand_beside_the_joints_are_told(write: Callable[..., Path]) -> None:
+def test_limits_that_stand_beside_the_joints_are_told(write: Writer) -> None:
     """Of <ros2_control>, zeros, velocities in degrees, solids that are less than what is shown."""
     look = BOX.replace("collision", "visual")
     text = built(*ARM3).replace("</robot>", CONTROL)
@@ -459,7 +453,7 @@ def test_limits_that_stand_beside_the_joints_are_told(write: Callable[..., Path]
     assert (robot.lower[0], robot.velocity[1], robot.upper[2]) == (-1.0, 0.5, 2.0)
 
 
-def test_a_passive_joint_of_the_srdf_is_no_joint_of_the_arm(write: Callable[..., Path]) -> None:
+def test_a_passive_joint_of_the_srdf_is_no_joint_of_the_arm(write: Writer) -> None:
     path, groups = (
         write(built(*ARM3)),
         '<group name="arm"><chain base_link="base" tip_link="d"/></group>',

@@ -1,22 +1,19 @@
 """Which joints are the arm: by an SRDF, by the name of the arm, by a robot file."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import invoke
 from tests.robots.arms import ARM, GRIPPER, TWO, fixed, robot
 from tests.robots.groups import along, groups
-from typer.testing import CliRunner
+from tests.robots.links import Writer
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
 from optipromp.core.scenes import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import bare_robot
-
-Writer = Callable[..., Path]
 
 
 def listed(name: str, *joints: str) -> str:
@@ -92,7 +89,7 @@ def test_a_scene_and_the_command_line_choose_the_arm_by_name(write: Writer) -> N
     scene = scene_from_dict(document | {"goal": {"joints": [0.1] * 6}}, base_dir=path.parent)
     assert bare_robot(scene).arm.tip == "rightlink6"
     assert scene_to_dict(scene, base_dir=path.parent)["robot"] == document["robot"]
-    done = CliRunner().invoke(app, ["check", str(path), "--arm", "left", "--json"])
+    done = invoke("check", str(path), "--arm", "left", "--json")
     assert (done.exit_code, json.loads(done.stdout)["flange"]) == (0, "leftlink6")
 
 

@@ -1,13 +1,10 @@
 """Masses, inertias and torque limits of a URDF, against Pinocchio."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
+from tests.robots.links import Writer, joint
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.robots import load_robot
@@ -20,7 +17,7 @@ INERTIAL = (
 BALL = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
 
 
-def test_what_segments_carry(write: Callable[..., Path], joint: Callable[..., str]) -> None:
+def test_what_segments_carry(write: Writer) -> None:
     """A fixed link and a held finger count to the segment that carries them."""
     pin = pytest.importorskip("pinocchio")
     links = "".join(
@@ -48,7 +45,7 @@ def test_what_segments_carry(write: Callable[..., Path], joint: Callable[..., st
         assert np.allclose(robot.dynamics.inertia[segment], theirs.inertia, atol=1e-12)
 
 
-def test_a_mass_without_a_tensor(write: Callable[..., Path], joint: Callable[..., str]) -> None:
+def test_a_mass_without_a_tensor(write: Writer) -> None:
     mass = '<inertial><mass value="2"/></inertial>'
     links = f'<link name="a"/><link name="b">{mass}{BALL}</link><link name="c">{BALL}</link>'
     robot = load_robot(
@@ -59,7 +56,7 @@ def test_a_mass_without_a_tensor(write: Callable[..., Path], joint: Callable[...
     assert not robot.dynamics.inertia.any()
 
 
-def test_a_negative_mass_is_refused(write: Callable[..., Path], joint: Callable[..., str]) -> None:
+def test_a_negative_mass_is_refused(write: Writer) -> None:
     mass = '<inertial><mass value="-2"/></inertial>'
     links = f'<link name="a"/><link name="b">{mass}{BALL}</link>'
     with pytest.raises(InvalidRobotError, match="mass is -2 kg"):
@@ -67,9 +64,7 @@ def test_a_negative_mass_is_refused(write: Callable[..., Path], joint: Callable[
 
 
 @pytest.mark.parametrize("limit", ["", '<limit lower="-1" upper="1" velocity="-2"/>'])
-def test_a_joint_that_is_held_needs_no_limits(
-    write: Callable[..., Path], joint: Callable[..., str], limit: str
-) -> None:
+def test_a_joint_that_is_held_needs_no_limits(write: Writer, limit: str) -> None:
     links = "".join(f'<link name="{name}">{BALL}</link>' for name in ("a", "b", "c", "wheel"))
     joints = joint("ab", "a", "b") + joint("bc", "b", "c") + joint("w", "a", "wheel", limit=limit)
     path = write(f'<robot name="r">{links}{joints}</robot>')
@@ -78,7 +73,7 @@ def test_a_joint_that_is_held_needs_no_limits(
         load_robot(path, tip="wheel")
 
 
-def heavy(joint: Callable[..., str], effort: float) -> str:
+def heavy(effort: float) -> str:
     links = "".join(
         f'<link name="{name}">{INERTIAL.format(0.01 * k, 1.0 + k)}{BALL}</link>'
         for k, name in enumerate("abcd")
@@ -92,9 +87,9 @@ def heavy(joint: Callable[..., str], effort: float) -> str:
     return f'<robot name="r">{links}{joints}</robot>'
 
 
-def test_what_gravity_needs(write: Callable[..., Path], joint: Callable[..., str]) -> None:
+def test_what_gravity_needs(write: Writer) -> None:
     pin = pytest.importorskip("pinocchio")
-    path = write(heavy(joint, 50.0))
+    path = write(heavy(50.0))
     robot, model = load_robot(path), pin.buildModelFromUrdf(str(path))
     up = np.array([0.6, 0.0, 0.8])  # of a base that leans
     model.gravity.linear = -GRAVITY * up
@@ -104,14 +99,14 @@ def test_what_gravity_needs(write: Callable[..., Path], joint: Callable[..., str
 
 
 def test_an_arm_too_weak_for_its_weight_is_told_of(
-    write: Callable[..., Path], joint: Callable[..., str], recwarn: pytest.WarningsRecorder
+    write: Writer, recwarn: pytest.WarningsRecorder
 ) -> None:
     up = np.array([0.0, 0.0, 1.0])
-    strong = load_robot(write(heavy(joint, 200.0), "strong.urdf"))
+    strong = load_robot(write(heavy(200.0), "strong.urdf"))
     recwarn.clear()
     warn_of_gravity(strong, strong.home[None], up, "at home")
     assert not recwarn
-    path = write(heavy(joint, 5.0), "weak.urdf")
+    path = write(heavy(5.0), "weak.urdf")
     weak = load_robot(path)
     recwarn.clear()
     need = np.abs(gravity_load(weak, weak.home[None], up))[0]
@@ -120,6 +115,6 @@ def test_an_arm_too_weak_for_its_weight_is_told_of(
     for name, load, unit in zip(weak.joint_names, need, ("N m", "N", "N m"), strict=True):
         assert (f"{name} needs {load:.3g} {unit} (at most 5)" in told) == (load > 5.0)
     assert (need > 5.0).any()
-    result = CliRunner().invoke(app, ["check", str(path)])
+    result = invoke("check", str(path))
     assert result.exit_code == 0
     assert "r cannot hold itself at home" in " ".join(result.output.split())

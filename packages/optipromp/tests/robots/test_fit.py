@@ -1,12 +1,13 @@
 """Few spheres over meshes: all of the surface, little beyond it, fitted once."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.robots.covers import worst_gap
+from tests.robots.links import Writer
 
 from optipromp.core.files import npz
 from optipromp.core.robots import load_robot
@@ -15,7 +16,6 @@ from optipromp.readers import fit
 
 trimesh = pytest.importorskip("trimesh")
 
-Writer = Callable[..., Path]
 RADIUS, LENGTH = 0.05, 0.30  # [m] of a capsule, between the middles of its ends
 TURN = trimesh.transformations.rotation_matrix(0.7, (1, 2, 3), (0.1, 0.0, 0.0))
 
@@ -41,12 +41,6 @@ def on_triangles(triangles: np.ndarray, count: int = 20_000) -> np.ndarray:
     face = rng.choice(len(triangles), count, p=area / area.sum())
     points = np.einsum("ms,msk->mk", rng.dirichlet(np.ones(3), count), triangles[face])
     return np.concatenate([points, triangles.reshape(-1, 3)])
-
-
-def outside(points: np.ndarray, spheres: np.ndarray) -> float:
-    """How far the worst point lies outside of every sphere [m]; not above 0 where none does."""
-    away = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2) - spheres[:, 3]
-    return float(away.min(axis=1).max())
 
 
 def around(spheres: np.ndarray) -> np.ndarray:
@@ -82,7 +76,7 @@ def test_a_capsule_is_covered_and_the_excess_is_as_stated() -> None:
     triangles = capsule()
     [(spheres, excess)] = fit.fit_covers([triangles], 8, [0.03])
     assert len(spheres) <= 8
-    assert outside(on_triangles(triangles), spheres) <= 0.0
+    assert worst_gap(on_triangles(triangles), spheres) <= 0.0
     assert beyond_capsule(around(spheres)).max() <= excess + fit.VOXEL
     assert excess < 0.012  # eight equal spheres in a row reach 6 mm beyond
 
@@ -94,7 +88,7 @@ def test_spheres_are_halved_however_their_points_lie() -> None:
     [(spheres, _)] = fit.fit_covers([triangles], 4, [0.001])
     for _ in range(4):
         spheres, _ = fit.finer(triangles, spheres, range(len(spheres)))
-        assert outside(on_triangles(triangles), spheres) <= 0.0
+        assert worst_gap(on_triangles(triangles), spheres) <= 0.0
 
 
 @pytest.mark.parametrize("what", ["open", "bent", "split"])
@@ -111,7 +105,7 @@ def test_other_shapes_are_covered(what: str) -> None:
     triangles = np.asarray(mesh.vertices[mesh.faces])
     [(spheres, excess)] = fit.fit_covers([triangles], 12, [0.03])
     assert len(spheres) <= fit.MOST_SPHERES
-    assert outside(on_triangles(triangles), spheres) <= 0.0
+    assert worst_gap(on_triangles(triangles), spheres) <= 0.0
     assert excess <= 0.035
     beyond = -trimesh.proximity.signed_distance(mesh, around(spheres)) if what != "open" else [0.0]
     assert np.max(beyond) <= excess + 2.0 * fit.VOXEL
@@ -135,7 +129,7 @@ def test_halves_cover_what_the_whole_did() -> None:
     middle = int(np.abs(three[:, 2]).argmin())
     four, excess = fit.finer(triangles, three, [middle])
     assert len(four) == len(three) + 1
-    assert outside(on_triangles(triangles), four) <= 0.0
+    assert worst_gap(on_triangles(triangles), four) <= 0.0
     assert beyond_capsule(around(four)).max() <= excess + fit.VOXEL
     near = np.argsort(np.abs(four[:, 2]))[:2]
     assert four[near, 3].max() < three[middle, 3] - 0.005

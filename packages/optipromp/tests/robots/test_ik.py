@@ -1,14 +1,13 @@
 """Inverse kinematics: reached by Pinocchio's forward kinematics, and what else it promises."""
 
-from collections.abc import Callable
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.robots.links import BALL, Writer, joint
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots import ik
@@ -183,9 +182,8 @@ def test_starts_of_another_robot_are_refused(robots: dict[str, Robot]) -> None:
         ik.solve(robots["panda"], np.array([0.4, 0.0, 0.8]), UP, near=np.zeros((1, 6)))
 
 
-def test_prismatic_and_mimic_joints(urdf: Callable[..., Path], joint: Callable[..., str]) -> None:
-    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
-    links = "".join(f'<link name="{n}">{ball}</link>' for n in "abcdefg")
+def test_prismatic_and_mimic_joints(urdf: Writer) -> None:
+    links = "".join(f'<link name="{n}">{BALL}</link>' for n in "abcdefg")
     limit = '<limit lower="-1.2" upper="1.4" velocity="1"/>'
     mimic = '<mimic joint="bc" multiplier="-0.6" offset="0.1"/>'
     joints = (
@@ -210,11 +208,8 @@ def test_prismatic_and_mimic_joints(urdf: Callable[..., Path], joint: Callable[.
         assert (found.joints <= robot.upper).all()
 
 
-def test_a_full_turn_apart_is_the_same_configuration(
-    urdf: Callable[..., Path], joint: Callable[..., str]
-) -> None:
-    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
-    links = "".join(f'<link name="{n}">{ball}</link>' for n in "abcd")
+def test_a_full_turn_apart_is_the_same_configuration(urdf: Writer) -> None:
+    links = "".join(f'<link name="{n}">{BALL}</link>' for n in "abcd")
     joints = (
         joint("ab", "a", "b", "continuous", "", '<axis xyz="0 0 1"/>')
         + joint("bc", "b", "c", "continuous", "", '<axis xyz="0 1 0"/>')

@@ -78,21 +78,16 @@ def compare(robot: Robot, path: Path, flange: str, values: Values, seed: int = 0
 LOCAL: list[np.ndarray] = []
 
 
-def independent(robot: Robot) -> Values:
-    values = Values()
-    for i, name in enumerate(robot.joint_names):
-        values.add(name, i)
-    return values
-
-
 @pytest.mark.parametrize("name", ["panda", "scara"])
 def test_built_in_robots(name: str) -> None:
-    robot = load_robot(name)
+    robot, values = load_robot(name), Values()
+    for i, joint in enumerate(robot.joint_names):
+        values.add(joint, i)
     with resources.as_file(
         resources.files("optipromp.core.robots") / "data" / f"{name}.urdf"
     ) as path:
         LOCAL[:] = local_centers(robot, path)
-        compare(robot, path, "flange", independent(robot))
+        compare(robot, path, "flange", values)
 
 
 def local_centers(robot: Robot, path: Path) -> list[np.ndarray]:
@@ -138,9 +133,7 @@ def generate(rng: np.random.Generator, folder: Path) -> tuple[Path, Values, str]
     for i in range(n):
         name, child = f"chain{i}", f"link{i}"
         kind = str(rng.choice(["revolute", "continuous", "prismatic", "fixed"]))
-        mimic = ""
-        if i == 0 or (kind == "continuous"):
-            kind = "revolute" if i == 0 else kind
+        kind, mimic = "revolute" if i == 0 else kind, ""
         if kind != "fixed":
             if movable and kind != "continuous" and rng.uniform() < 0.4:
                 leader = str(rng.choice(movable))

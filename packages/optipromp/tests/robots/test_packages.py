@@ -1,20 +1,17 @@
 """Meshes in packages, DAE meshes, and xacro."""
 
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import invoke
+from tests.robots.links import Writer
 from tests.robots.meshes import mesh, with_mesh
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
 from optipromp.readers.packages import package_folders
-
-Writer = Callable[..., Path]
 
 
 def reach(path: Path, **choice: object) -> float:
@@ -62,7 +59,7 @@ def test_what_is_given_comes_first(write: Writer, tmp_path: Path) -> None:
     path = write(with_mesh("package://my_arm/part.obj"))
     assert reach(path) < 0.2
     assert reach(path, package_dirs=[tmp_path / "other"]) >= 0.3
-    result = CliRunner().invoke(app, ["check", str(path), "--package-dir", str(tmp_path / "other")])
+    result = invoke("check", str(path), "--package-dir", str(tmp_path / "other"))
     assert result.exit_code == 0
     head = "format: 1\nname: mine\nurdf: robot.urdf\npackage_dirs: [other]\n"
     assert reach(write(head, "mine.yaml")) >= 0.3

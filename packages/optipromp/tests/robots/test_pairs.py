@@ -1,10 +1,8 @@
 """Which links of a robot from a file are kept apart: SRDF, and what random configurations say."""
 
-from collections.abc import Callable
-from pathlib import Path
-
 import numpy as np
 import pytest
+from tests.robots.links import Writer, joint
 from tests.robots.stock import STOCK, stock
 
 from optipromp.core import judging
@@ -14,10 +12,8 @@ from optipromp.core.optimization.evaluation import BodyPoints, Evaluation
 from optipromp.core.robots import Robot, load_robot
 from optipromp.core.scenes import JointGoal, Scene
 
-Writer = Callable[..., Path]
 
-
-def chain(joint: Callable[..., str], radius: float = 0.05, count: int = 5) -> str:
+def chain(radius: float = 0.05, count: int = 5) -> str:
     """Links l0 to l4, capsules of 0.3 m, each turning about z at the end of the one before."""
     body = (
         '<collision><origin xyz="0.15 0 0" rpy="0 1.5707963 0"/><geometry>'
@@ -45,8 +41,8 @@ def srdf(*pairs: tuple[str, str], name: str = "snake") -> str:
     return f'<robot name="{name}">{rows}</robot>'
 
 
-def test_pairs_that_an_srdf_disables(write: Writer, joint: Callable[..., str]) -> None:
-    path = write(chain(joint), "snake.urdf")
+def test_pairs_that_an_srdf_disables(write: Writer) -> None:
+    path = write(chain(), "snake.urdf")
     before = kept_apart(load_robot(path))
     assert before == {(f"l{i}", f"l{j}") for i in range(5) for j in range(i + 2, 5)}
     write(srdf(("l3", "l1"), ("l0", "gripper")), "snake.srdf")
@@ -62,23 +58,21 @@ def test_pairs_that_an_srdf_disables(write: Writer, joint: Callable[..., str]) -
         ("other.srdf", "lizard", False),
     ],
 )
-def test_whose_srdf_it_is(
-    write: Writer, joint: Callable[..., str], name: str, robot: str, honoured: bool
-) -> None:
-    path = write(chain(joint), "snake_with_hand.urdf")
+def test_whose_srdf_it_is(write: Writer, name: str, robot: str, honoured: bool) -> None:
+    path = write(chain(), "snake_with_hand.urdf")
     write(srdf(("l1", "l3"), name=robot), name)
     assert (("l1", "l3") in kept_apart(load_robot(path))) is not honoured
 
 
-def test_an_srdf_in_the_folder_beside(write: Writer, joint: Callable[..., str]) -> None:
-    path = write(chain(joint), "snake.urdf")
+def test_an_srdf_in_the_folder_beside(write: Writer) -> None:
+    path = write(chain(), "snake.urdf")
     (path.parent / "srdf").mkdir()
     write(srdf(("l1", "l3")), "srdf/snake.srdf")
     assert ("l1", "l3") not in kept_apart(load_robot(path))
 
 
-def test_a_malformed_srdf_is_named(write: Writer, joint: Callable[..., str]) -> None:
-    path = write(chain(joint), "snake.urdf")
+def test_a_malformed_srdf_is_named(write: Writer) -> None:
+    path = write(chain(), "snake.urdf")
     write("<robot", "other.srdf")
     load_robot(path)  # of something else
     write("<robot", "snake.srdf")
@@ -86,8 +80,8 @@ def test_a_malformed_srdf_is_named(write: Writer, joint: Callable[..., str]) -> 
         load_robot(path)
 
 
-def test_links_that_never_come_near_are_left_out(write: Writer, joint: Callable[..., str]) -> None:
-    text = chain(joint).replace('lower="-3" upper="3"', 'lower="-0.2" upper="0.2"')
+def test_links_that_never_come_near_are_left_out(write: Writer) -> None:
+    text = chain().replace('lower="-3" upper="3"', 'lower="-0.2" upper="0.2"')
     robot = load_robot(write(text, "stiff.urdf"))
     assert ("l0", "l4") not in kept_apart(robot)
     assert {("l0", "l4"): "never near"}.items() <= {
@@ -95,7 +89,7 @@ def test_links_that_never_come_near_are_left_out(write: Writer, joint: Callable[
     }.items()
 
 
-def test_only_the_covers_touch_at_home(urdf: Writer, joint: Callable[..., str]) -> None:
+def test_only_the_covers_touch_at_home(urdf: Writer) -> None:
     """l0 is a box that a cover exceeds; l2 stands 5 mm before it at home, and may fold into it."""
     box = '<geometry><box size="0.3 0.3 0.02"/></geometry>'
     links = (
@@ -114,7 +108,7 @@ def test_only_the_covers_touch_at_home(urdf: Writer, joint: Callable[..., str]) 
     assert robot.self_gaps(np.array([0.0, 0.3])).min() < 0.0  # 24 mm into the box
 
 
-def folded(joint: Callable[..., str], gap: float) -> str:
+def folded(gap: float) -> str:
     """Two bars: at home, where the joint between them is at its limit, one lies over the other."""
     bar = '<collision><origin xyz="{} 0 0"/><geometry><box size="0.3 0.06 0.06"/></geometry>'
     upper, fore = (f"{bar.format(at)}</collision>" for at in (0.15, -0.15))
@@ -134,11 +128,9 @@ def folded(joint: Callable[..., str], gap: float) -> str:
 
 
 @pytest.mark.parametrize("gap", [0.015, 0.005])
-def test_a_home_at_a_limit_is_settled_by_surfaces(
-    write: Writer, joint: Callable[..., str], gap: float
-) -> None:
+def test_a_home_at_a_limit_is_settled_by_surfaces(write: Writer, gap: float) -> None:
     """Covers meet there though the bars are apart, as in a Piper. Nothing goes unseen for it."""
-    robot = load_robot(write(folded(joint, gap)))
+    robot = load_robot(write(folded(gap)))
     assert robot.home[1] == robot.lower[1]
     assert sum(robot.excess.values()) > gap
     assert robot.self_gaps(robot.home).min() >= 0.0
@@ -155,14 +147,12 @@ def test_a_home_at_a_limit_is_settled_by_surfaces(
     assert short[touch].all()
 
 
-def test_bars_that_touch_at_home_are_told_so(write: Writer, joint: Callable[..., str]) -> None:
-    robot = load_robot(write(folded(joint, -0.002)))
+def test_bars_that_touch_at_home_are_told_so(write: Writer) -> None:
+    robot = load_robot(write(folded(-0.002)))
     assert robot.self_gaps(robot.home).min() < 0.0
 
 
-def test_the_rim_of_a_base_that_stands_on_its_plane_is_kept(
-    urdf: Writer, joint: Callable[..., str]
-) -> None:
+def test_the_rim_of_a_base_that_stands_on_its_plane_is_kept(urdf: Writer) -> None:
     """A rod swings down past a round base, 6 mm within its rim. The base's spheres are raised, so
     that the rim at its foot is in none of them. Its cover always meets that of the rod's hub."""
     links = (
@@ -240,9 +230,7 @@ def test_a_stock_robot(name: str) -> None:
 
 
 @pytest.mark.parametrize(("turned", "kept"), [("0 0 0", False), ("0 0 0.5", True)])
-def test_a_telescope_may_be_pushed_together(
-    write: Writer, joint: Callable[..., str], turned: str, kept: bool
-) -> None:
+def test_a_telescope_may_be_pushed_together(write: Writer, turned: str, kept: bool) -> None:
     """Tubes of one direction, and a wrist; a slide of another direction is no telescope's."""
     tube = '<collision><origin xyz="0.2 0 0"/><geometry><box size="0.4 {0} {0}"/></geometry>'
     links = "".join(

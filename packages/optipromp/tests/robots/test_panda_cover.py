@@ -5,11 +5,12 @@ extra `[models]` installs. Distances are Coal's.
 """
 
 from collections.abc import Callable
-from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.covers import away
+from tests.robots.stock import installed
 
 from optipromp.core.robots import FrankaHand, Robot, load_robot
 
@@ -24,12 +25,7 @@ RIM = 0.03  # [m] of the base's height, whose edge no sphere above the mounting 
 
 @pytest.fixture(scope="module")
 def meshes() -> Path:
-    try:
-        listed = files("example-robot-data") or []
-    except PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed: pip install 'packages/optipromp[models]'")
-    found = [p for p in listed if str(p).endswith("panda_description/meshes/collision/hand.stl")]
-    return Path(str(found[0].locate())).resolve().parent.parent
+    return installed("panda_description/meshes/collision/hand.stl").parent.parent
 
 
 def surface(path: Path) -> np.ndarray:
@@ -64,12 +60,6 @@ def directions(count: int) -> np.ndarray:
     )
 
 
-def gaps(points: np.ndarray, spheres: np.ndarray) -> np.ndarray:
-    """How far (m,) points lie outside of the nearest sphere of (k, 4) [m]."""
-    away = np.linalg.norm(points[:, None] - spheres[:, :3], axis=2) - spheres[:, 3]
-    return np.asarray(away.min(axis=1))
-
-
 def own(robot: Robot, link: str) -> np.ndarray:
     """The spheres (k, 4) of a link, in its frame."""
     mine = robot.spheres.link == robot.link_names.index(link)
@@ -98,7 +88,7 @@ def test_every_point_of_the_arm_is_in_a_sphere(meshes: Path, kind: str) -> None:
     angles = np.linspace(panda.lower, panda.upper, 15)
     for i, link in enumerate(LINKS):
         points = surface(meshes / kind / (link + (".stl" if kind == "collision" else ".dae")))
-        points = points[gaps(points, own(panda, link)) > 1e-9]
+        points = points[away(points, own(panda, link)) > 1e-9]
         if i == 0:
             points = points[points[:, 2] > RIM]
         left = np.full(len(points), -np.inf)
@@ -106,7 +96,7 @@ def test_every_point_of_the_arm_is_in_a_sphere(meshes: Path, kind: str) -> None:
             outside = np.full(len(points), np.inf)
             for other in {max(i - 1, 0), min(i + 1, 7)} - {i}:
                 there = relative(panda, q, i, other)(points)
-                outside = np.minimum(outside, gaps(there, own(panda, LINKS[other])))
+                outside = np.minimum(outside, away(there, own(panda, LINKS[other])))
             left = np.maximum(left, outside)
         assert left.max(initial=-np.inf) <= 1e-9, link
 
@@ -143,7 +133,7 @@ def test_every_point_of_the_open_hand_is_in_a_sphere(meshes: Path, kind: str) ->
     if kind == "visual":
         pytest.importorskip("collada")
     for points in hand_parts(meshes, kind):
-        assert gaps(points, FrankaHand().spheres()).max() <= 1e-9
+        assert away(points, FrankaHand().spheres()).max() <= 1e-9
 
 
 def hulls(folder: Path) -> list[object]:
@@ -168,28 +158,32 @@ def test_the_hand_s_shape_is_the_maker_s(meshes: Path, tmp_path: Path) -> None:
     assert FrankaHand().front == pytest.approx(0.066, abs=1e-4)
 
 
-def test_the_hand_s_shape_reaches_little_beyond_the_maker_s(meshes: Path) -> None:
-    """By 3 mm at most: each corner, from the convex meshes of palm and fingers."""
+def beyond_hand(meshes: Path) -> Callable[[np.ndarray], float]:
+    """How far a point of the flange frame is from the convex meshes of palm and fingers [m]."""
     hand = FrankaHand()
     palm, finger = (convex(meshes / "collision" / f"{n}.stl") for n in ("hand", "finger"))
     at = np.array([0.0, hand.gripper_radius, 0.0584])
-    for solid in hand.solids():
-        for corner in solid.corners @ hand.rotation:
-            right = corner * [-1.0, -1.0, 1.0]
-            fingers = [distance(finger, p - at) for p in (corner, right)]
-            assert min(distance(palm, corner), *fingers) <= 3e-3, solid.name
+
+    def beyond(flange: np.ndarray) -> float:
+        point = flange @ hand.rotation
+        right = point * [-1.0, -1.0, 1.0]  # that finger is the left one, turned about z
+        return min(distance(palm, point), *(distance(finger, p - at) for p in (point, right)))
+
+    return beyond
+
+
+def test_the_hand_s_shape_reaches_little_beyond_the_maker_s(meshes: Path) -> None:
+    """By 3 mm at most: each corner, from the convex meshes of palm and fingers."""
+    beyond = beyond_hand(meshes)
+    for solid in FrankaHand().solids():
+        assert max(map(beyond, solid.corners)) <= 3e-3, solid.name
 
 
 def test_no_sphere_of_the_hand_reaches_farther_beyond_it_than_stated(meshes: Path) -> None:
-    hand = FrankaHand()
-    palm, finger = (convex(meshes / "collision" / f"{n}.stl") for n in ("hand", "finger"))
-    at = np.array([0.0, hand.gripper_radius, 0.0584])
-    for x, y, z, radius in hand.spheres():
-        for direction in directions(200):
-            point = (np.array([x, y, z]) + radius * direction) @ hand.rotation
-            right = point * [-1.0, -1.0, 1.0]  # that finger is the left one, turned about z
-            fingers = [distance(finger, p - at) for p in (point, right)]
-            assert min(distance(palm, point), *fingers) <= EXCESS, (x, y, z)
+    beyond = beyond_hand(meshes)
+    for x, y, z, radius in FrankaHand().spheres():
+        around = np.array([x, y, z]) + radius * directions(200)
+        assert max(map(beyond, around)) <= EXCESS, (x, y, z)
 
 
 def test_what_stands_between_the_open_fingers_is_free() -> None:

@@ -6,17 +6,16 @@ import re
 import subprocess
 import sys
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.links import BALL, Writer, joint
+from tests.robots.meshes import misnamed
 
 from optipromp.core.errors import Code, InvalidRobotError
 from optipromp.core.robots.library import load_robot
 from optipromp.readers.urdf import read_urdf
-
-Writer = Callable[..., Path]
 
 
 def refused(path: Path, *words: str) -> None:
@@ -119,9 +118,7 @@ def test_external_entity_is_not_read(
         ({"more": '<mimic joint="bc" offset="nan"/>'}, ["nan"]),
     ],
 )
-def test_joint(
-    urdf: Writer, joint: Callable[..., str], changes: dict[str, str], words: list[str]
-) -> None:
+def test_joint(urdf: Writer, changes: dict[str, str], words: list[str]) -> None:
     refused(urdf(joint("ab", "a", "b", **changes) + joint("bc", "b", "c")), *words)
 
 
@@ -139,15 +136,11 @@ def test_joint(
         ([("ab", "a", "b"), ("bc", "b", "")], ["'bc'", "<child"]),
     ],
 )
-def test_tree(
-    urdf: Writer, joint: Callable[..., str], joints: list[tuple[str, str, str]], words: list[str]
-) -> None:
+def test_tree(urdf: Writer, joints: list[tuple[str, str, str]], words: list[str]) -> None:
     refused(urdf("".join(joint(*ends) for ends in joints)), *words)
 
 
-def test_a_joint_far_from_its_parent_is_remarked_on(
-    urdf: Writer, joint: Callable[..., str]
-) -> None:
+def test_a_joint_far_from_its_parent_is_remarked_on(urdf: Writer) -> None:
     """12 m: a crane, or a robot in millimetres."""
     far = urdf(joint("ab", "a", "b", origin='<origin xyz="0 0 12"/>') + joint("bc", "b", "c"))
     with pytest.warns(UserWarning, match=r"joint 'ab' stands 12 m .*millimetres.*scale: 0\.001"):
@@ -156,7 +149,7 @@ def test_a_joint_far_from_its_parent_is_remarked_on(
 
 @pytest.mark.parametrize(("origin", "warned"), [('xyz="0 1.57 0"', 1), ('rpy="0 1.57 0"', 0)])
 def test_a_mesh_that_is_solid_far_from_where_it_is_shown_is_remarked_on(
-    urdf: Writer, joint: Callable[..., str], origin: str, warned: int
+    urdf: Writer, origin: str, warned: int
 ) -> None:
     """As in a file that its makers publish: a quarter turn stands in xyz."""
     mesh = '<geometry><mesh filename="nub.stl"/></geometry>'
@@ -171,13 +164,13 @@ def test_a_mesh_that_is_solid_far_from_where_it_is_shown_is_remarked_on(
     )
 
 
-def test_mimics_in_a_ring_or_of_a_fixed_joint(urdf: Writer, joint: Callable[..., str]) -> None:
+def test_mimics_in_a_ring_or_of_a_fixed_joint(urdf: Writer) -> None:
     first = joint("ab", "a", "b", more='<mimic joint="bc"/>')
     refused(urdf(first + joint("bc", "b", "c", more='<mimic joint="ab"/>')), "ring", "'ab', 'bc'")
     refused(urdf(first + joint("bc", "b", "c", kind="fixed")), "'ab'", "'bc'", "fixed")
 
 
-def test_mimic_limits_with_nothing_in_common(urdf: Writer, joint: Callable[..., str]) -> None:
+def test_mimic_limits_with_nothing_in_common(urdf: Writer) -> None:
     follower = joint("bc", "b", "c", more='<mimic joint="ab" multiplier="1" offset="5"/>')
     refused(urdf(joint("ab", "a", "b") + follower), "'bc'", "'ab'", "[-1, 1]")
     still = joint("bc", "b", "c", more='<mimic joint="ab" multiplier="0" offset="5"/>')
@@ -192,11 +185,10 @@ def test_mimic_limits_with_nothing_in_common(urdf: Writer, joint: Callable[..., 
     ],
 )
 def test_shapes_without_size_are_left_out_where_they_only_show(
-    urdf: Writer, joint: Callable[..., str], shape: str, words: list[str]
+    urdf: Writer, shape: str, words: list[str]
 ) -> None:
     part = f"<{{0}}><geometry>{shape}</geometry></{{0}}>"
-    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
-    links = f'<link name="a">{part}</link><link name="b">{ball}</link><link name="c"/>'
+    links = f'<link name="a">{part}</link><link name="b">{BALL}</link><link name="c"/>'
     refused(urdf(links=links.format("collision")), *words)
     robot = load_robot(urdf(links=links.format("visual")))
     assert {robot.link_names[k] for k in robot.spheres.link} == {"b"}
@@ -259,7 +251,7 @@ def test_utf16_loads(write: Writer, urdf: Writer) -> None:
     assert load_robot(path).joint_names == ("ab", "bc")
 
 
-def test_unnormalised_axis_same_kinematics(urdf: Writer, joint: Callable[..., str]) -> None:
+def test_unnormalised_axis_same_kinematics(urdf: Writer) -> None:
     q = np.array([0.4, -0.3])
     poses = []
     for axis in ("1 2 3", "0.1 0.2 0.3", "1e200 2e200 3e200"):
@@ -269,7 +261,7 @@ def test_unnormalised_axis_same_kinematics(urdf: Writer, joint: Callable[..., st
     np.testing.assert_allclose(poses[1:], [poses[0]] * 2, atol=1e-12)
 
 
-def test_continuous_needs_no_limits(urdf: Writer, joint: Callable[..., str]) -> None:
+def test_continuous_needs_no_limits(urdf: Writer) -> None:
     path = urdf(joint("ab", "a", "b", kind="continuous", limit="") + joint("bc", "b", "c"))
     robot = load_robot(path)
     assert robot.lower[0] == -math.inf
@@ -278,7 +270,7 @@ def test_continuous_needs_no_limits(urdf: Writer, joint: Callable[..., str]) -> 
     assert robot.velocity[1] == 2.0
 
 
-def long_chain(joint: Callable[..., str], count: int, moving: int) -> str:
+def long_chain(count: int, moving: int) -> str:
     """Links in a row, a ball on every tenth; the last ``moving`` joints turn."""
     ball = '<collision><geometry><sphere radius="0.001"/></geometry></collision>'
     links = "".join(f'<link name="l{i}">{ball if i % 10 == 0 else ""}</link>' for i in range(count))
@@ -292,16 +284,16 @@ def long_chain(joint: Callable[..., str], count: int, moving: int) -> str:
     return f'<robot name="long">{links}{joints}</robot>'
 
 
-def test_chain_of_3000_links(write: Writer, joint: Callable[..., str]) -> None:
-    robot = load_robot(write(long_chain(joint, 3000, 200)))
+def test_chain_of_3000_links(write: Writer) -> None:
+    robot = load_robot(write(long_chain(3000, 200)))
     assert robot.n_joints == 200
     point, _ = robot.tool_pose(np.zeros(200))
     np.testing.assert_allclose(point, [0, 0, 2.999], atol=1e-9)
 
 
-def test_more_than_a_robot_may_have(write: Writer, joint: Callable[..., str]) -> None:
-    refused(write(long_chain(joint, 3000, 2999)), "2999 joints", "at most 200")
-    refused(write(long_chain(joint, 10_001, 1)), "10001 links", "at most 10000")
+def test_more_than_a_robot_may_have(write: Writer) -> None:
+    refused(write(long_chain(3000, 2999)), "2999 joints", "at most 200")
+    refused(write(long_chain(10_001, 1)), "10001 links", "at most 10000")
     many = "format: 1\nname: n\nurdf: robot.urdf\nspheres: {b: [%s]}\n"
     write('<robot name="r"><link name="a"/><link name="b"/>' + joint("ab", "a", "b") + "</robot>")
     rows = ", ".join(["[0, 0, 0, 0.1]"] * 2001)
@@ -336,9 +328,7 @@ print(int(most[1]) // 1024)  # of this process alone: getrusage tells its parent
 """
 
 
-def test_a_fine_mesh_takes_little_memory(
-    urdf: Writer, joint: Callable[..., str], tmp_path: Path
-) -> None:
+def test_a_fine_mesh_takes_little_memory(urdf: Writer, tmp_path: Path) -> None:
     """320,000 triangles took 1.1 GB; twenty times as many, all there was."""
     pytest.importorskip("trimesh")
     sphere_stl(tmp_path / "ball.stl", 400)
@@ -350,7 +340,7 @@ def test_a_fine_mesh_takes_little_memory(
 
 
 def test_a_mesh_too_fine_too_large_or_folded_is_refused(
-    urdf: Writer, joint: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    urdf: Writer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("trimesh")
     path = urdf(joint("ab", "a", "b"), MESH.format("collision", "part.stl"))
@@ -370,7 +360,7 @@ def test_a_mesh_too_fine_too_large_or_folded_is_refused(
 @pytest.mark.parametrize("word", ["nan", "inf", "1e400"])
 @pytest.mark.parametrize("kind", ["obj", "stl", "ply"])
 def test_a_vertex_that_is_not_finite_is_refused(
-    urdf: Writer, joint: Callable[..., str], tmp_path: Path, word: str, kind: str
+    urdf: Writer, tmp_path: Path, word: str, kind: str
 ) -> None:
     """The library that reads meshes leaves its triangles out, which would be free space."""
     trimesh = pytest.importorskip("trimesh")
@@ -385,9 +375,7 @@ def test_a_vertex_that_is_not_finite_is_refused(
     )
 
 
-def test_an_open_mesh_is_covered_whole(
-    urdf: Writer, joint: Callable[..., str], tmp_path: Path
-) -> None:
+def test_an_open_mesh_is_covered_whole(urdf: Writer, tmp_path: Path) -> None:
     """A box without its lid, as a fifth of the arms' own collision meshes are open somewhere."""
     trimesh = pytest.importorskip("trimesh")
     box = trimesh.creation.box((0.1, 0.2, 0.3))
@@ -402,7 +390,7 @@ def test_an_open_mesh_is_covered_whole(
     assert (away - robot.spheres.radius).min(axis=1).max() < 1e-9
 
 
-def test_mimic_is_no_independent_joint(urdf: Writer, joint: Callable[..., str]) -> None:
+def test_mimic_is_no_independent_joint(urdf: Writer) -> None:
     follower = joint("bc", "b", "c", more='<mimic joint="ab" multiplier="-2" offset="0.5"/>')
     robot = load_robot(urdf(joint("ab", "a", "b") + follower))
     assert robot.joint_names == ("ab",)
@@ -411,18 +399,15 @@ def test_mimic_is_no_independent_joint(urdf: Writer, joint: Callable[..., str]) 
     assert robot.velocity[0] == 1.0
 
 
-def test_leader_off_the_chain_drives_it(urdf: Writer, joint: Callable[..., str]) -> None:
+def test_leader_off_the_chain_drives_it(urdf: Writer) -> None:
     joints = joint("ab", "a", "b", more='<mimic joint="ac"/>') + joint("ac", "a", "c")
     robot = load_robot(urdf(joints), tip="b")
     assert robot.joint_names == ("ac",)
     assert robot.held_joints == ()
 
 
-def test_branch_that_moves_with_the_chain_is_refused(
-    urdf: Writer, joint: Callable[..., str]
-) -> None:
-    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
-    links = f'<link name="a"/><link name="b">{ball}</link><link name="c">{ball}</link>'
+def test_branch_that_moves_with_the_chain_is_refused(urdf: Writer) -> None:
+    links = f'<link name="a"/><link name="b">{BALL}</link><link name="c">{BALL}</link>'
     joints = joint("ab", "a", "b") + joint("ac", "a", "c", more='<mimic joint="ab"/>')
     refused(urdf(joints, links), "'c'", "'ac'", "serial chain")
 
@@ -456,25 +441,13 @@ DAE = """<?xml version="1.0"?>
     ],
 )
 def test_an_index_of_a_face_that_names_no_vertex_is_refused(
-    urdf: Writer, joint: Callable[..., str], tmp_path: Path, kind: str, index: int, words: str
+    urdf: Writer, tmp_path: Path, kind: str, index: int, words: str
 ) -> None:
     """A negative index counts from the end for the library that reads meshes."""
-    trimesh = pytest.importorskip("trimesh")
-    corners = [[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]
-    mesh = trimesh.Trimesh(corners, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]], process=False)
-    file = tmp_path / f"part.{kind}"
+    pytest.importorskip("trimesh")
     if kind == "dae":
         pytest.importorskip("collada")
-        file.write_text(DAE.format(index=index))
-    elif kind == "glb":
-        mesh.export(file)
-        old = np.array([0, 2, 1, 0, 1, 3], dtype="<u4").tobytes()
-        assert old in file.read_bytes()
-        new = np.array([0, 2, 1, 0, 1, index], dtype="<u4").tobytes()
-        file.write_bytes(file.read_bytes().replace(old, new))
+        (file := tmp_path / "part.dae").write_text(DAE.format(index=index))
     else:
-        mesh.export(file, **({"encoding": "ascii"} if kind == "ply" else {}))
-        old = {"obj": "f 1 2 4", "off": "3 0 1 3", "ply": "3 0 1 3"}[kind]
-        assert file.read_text().count(old) == 1
-        file.write_text(file.read_text().replace(old, f"{old[:-1]}{index}"))
+        file = misnamed(tmp_path, kind, index)
     refused(urdf(joint("ab", "a", "b"), MESH.format("collision", file.name)), file.name, words)

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
+from tests.robots.links import Writer
 
 from optipromp import load_scene, plan
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError, InvalidRobotError
 from optipromp.core.files import npz
 from optipromp.core.planning import PlanOptions
@@ -23,7 +23,6 @@ from optipromp.core.robots.resolved import ARRAYS
 from optipromp.core.scenes.scene import bare_robot
 from optipromp.readers.reading import read_description
 
-Writer = Callable[..., Path]
 BARE = """
 import sys
 for name in ("trimesh", "coal", "xacrodoc", "mujoco", "optipromp.readers"):
@@ -196,7 +195,7 @@ def test_check_shows_a_saved_robot_as_its_description(meshed: Path, tmp_path: Pa
     save_robot(load_robot(meshed), tmp_path / "arm.robot")
     told = []
     for path in (meshed, tmp_path / "arm.robot"):
-        result = CliRunner().invoke(app, ["check", str(path), "--json"])
+        result = invoke("check", str(path), "--json")
         assert result.exit_code == 0, result.output
         told.append(result.stdout.replace(str(path), "FILE"))
     assert told[0] == told[1]

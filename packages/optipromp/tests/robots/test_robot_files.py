@@ -1,17 +1,14 @@
 """Robot files, the built-in robots, and which spheres are kept apart."""
 
 import warnings
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.links import Writer, joint
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot, robot_names
 from optipromp.core.robots.model import Robot
-
-Writer = Callable[..., Path]
 
 
 def self_clearance(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -104,7 +101,7 @@ def test_pairs_are_of_links_two_joints_apart(name: str) -> None:
     assert len(np.unique(robot.self_pairs, axis=0)) == len(robot.self_pairs)
 
 
-def test_covers_that_always_meet_are_not_pairs(write: Writer, joint: Callable[..., str]) -> None:
+def test_covers_that_always_meet_are_not_pairs(write: Writer) -> None:
     """Three joints at one place, with fat links: the first and the last always overlap."""
     ball = '<collision><geometry><sphere radius="0.3"/></geometry></collision>'
     place = '<origin xyz="0 0 -0.45"/>'
@@ -143,9 +140,7 @@ def test_a_robot_file(write: Writer, urdf: Writer) -> None:
     assert set(robot.spheres.link) == {0, 2}  # b is declared empty
 
 
-def test_limits_that_no_file_states_are_assumed_and_told_of(
-    write: Writer, urdf: Writer, joint: Callable[..., str]
-) -> None:
+def test_limits_that_no_file_states_are_assumed_and_told_of(write: Writer, urdf: Writer) -> None:
     """10 rad/s² and 2 m/s², ten times as much a second; a robot file states others, or none."""
     path = urdf(joint("ab", "a", "b") + joint("bc", "b", "c", kind="prismatic"))
     with pytest.warns(UserWarning, match="robot.urdf states no limits of acceleration"):
@@ -162,7 +157,7 @@ def test_limits_that_no_file_states_are_assumed_and_told_of(
     assert np.isinf(none.jerk).all()
 
 
-def test_declared_scale(write: Writer, urdf: Writer, joint: Callable[..., str]) -> None:
+def test_declared_scale(write: Writer, urdf: Writer) -> None:
     """A URDF in millimetres, declared so, equals the one in metres."""
     q = np.array([0.3, 0.2])
     slide = joint("bc", "b", "c", kind="prismatic")

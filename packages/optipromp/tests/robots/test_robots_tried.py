@@ -4,11 +4,11 @@ Each file is read without its meshes; scripts/robots_tried.py loads them whole, 
 docs/robots-tried.md.
 """
 
-from importlib.metadata import PackageNotFoundError, files
 from pathlib import Path
 
 import pytest
 from scripts.robots_tried import EXPECTED, Expected, verdict
+from tests.robots.stock import installed
 
 from optipromp.readers.arm import choose_arm, read_srdf, srdf_beside
 from optipromp.readers.urdf import read_urdf
@@ -16,12 +16,7 @@ from optipromp.readers.urdf import read_urdf
 
 @pytest.fixture(scope="module")
 def robots() -> Path:
-    try:
-        listed = files("example-robot-data") or []
-    except PackageNotFoundError:
-        pytest.skip("example-robot-data is not installed: pip install 'packages/optipromp[models]'")
-    found = [p for p in listed if str(p).endswith("robots/panda_description/urdf/panda.urdf")]
-    return Path(str(found[0].locate())).resolve().parents[2]
+    return installed("robots/panda_description/urdf/panda.urdf").parents[2]
 
 
 @pytest.mark.parametrize("expected", EXPECTED, ids=lambda expected: Path(expected.path).stem)

@@ -1,12 +1,13 @@
 """Covers cover: dense samples of each shape lie inside, and the bulge is what was asked for."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.robots.covers import worst_gap
+from tests.robots.links import Writer
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import load_robot
@@ -17,14 +18,7 @@ from optipromp.core.robots.tool_geometry import (
     cover_cylinder,
 )
 
-Writer = Callable[..., Path]
 RNG = np.random.default_rng(0)
-
-
-def worst_gap(points: np.ndarray, cover: np.ndarray) -> float:
-    """How far the worst point lies outside the cover (negative: inside)."""
-    distances = np.linalg.norm(points[:, None] - cover[:, :3], axis=2) - cover[:, 3]
-    return float(distances.min(axis=1).max())
 
 
 def unit(count: int) -> np.ndarray:

@@ -1,11 +1,10 @@
 """Surfaces in parts, and spheres that may overlap because their parts never meet."""
 
 import tracemalloc
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.links import Writer, joint
 
 from optipromp.core.arrays import rotation
 from optipromp.core.robots import load_robot
@@ -70,9 +69,7 @@ def test_large_surfaces_take_no_more_memory(
     assert len(found) < 1000 * len(spheres)
 
 
-def test_links_whose_covers_alone_touch(
-    write: Callable[..., Path], joint: Callable[..., str]
-) -> None:
+def test_links_whose_covers_alone_touch(write: Writer) -> None:
     """A ball passes 12 mm over a plate, within the plate's cover; another one touches it."""
     plate = '<origin xyz="0 0.18 0"/><geometry><box size="0.3 0.3 0.02"/></geometry>'
     links = (

@@ -1,13 +1,13 @@
 """Tools: where the tool point lies, what the spheres cover, what is refused."""
 
 import math
-from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from tests.robots.covers import worst_gap
+from tests.robots.links import BALL, Writer, joint
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.library import load_robot
@@ -26,13 +26,6 @@ def cup_surface(cup: Cup) -> np.ndarray:
     rows += [(r, cup.length + cup.height) for r in np.linspace(inner, cup.radius, 25)]
     rows += [(0.01, z) for z in np.linspace(0.0, cup.length, 25) if cup.length > 0.0]
     return np.concatenate([np.column_stack([r * ring, np.full(len(ring), z)]) for r, z in rows])
-
-
-def worst_gap(points: np.ndarray, cover: np.ndarray) -> float:
-    gap = np.full(len(points), np.inf)
-    for sphere in cover:
-        gap = np.minimum(gap, np.linalg.norm(points - sphere[:3], axis=1) - sphere[3])
-    return float(gap.max())
 
 
 @settings(max_examples=25, deadline=None)
@@ -101,15 +94,12 @@ def test_a_second_tool_takes_the_place_of_the_first() -> None:
     np.testing.assert_array_equal(bare.tool_point, panda.tool_point)
 
 
-def test_a_cup_among_the_fingers_of_the_robot_is_told_of(
-    urdf: Callable[..., Path], joint: Callable[..., str]
-) -> None:
+def test_a_cup_among_the_fingers_of_the_robot_is_told_of(urdf: Writer) -> None:
     """A finger 0.15 m long stands beside a cup of 0.1 m of neck, and behind one of 0.16 m."""
-    ball = '<collision><geometry><sphere radius="0.02"/></geometry></collision>'
     rod = (
         '<origin xyz="0.05 0 0.075"/><geometry><cylinder radius="0.005" length="0.15"/></geometry>'
     )
-    links = f'<link name="a">{ball}</link><link name="b">{ball}</link><link name="finger">'
+    links = f'<link name="a">{BALL}</link><link name="b">{BALL}</link><link name="finger">'
     links += f"<collision>{rod}</collision></link>"
     finger = joint("bf", "b", "finger", kind="fixed", axis="", limit="", origin="")
     robot = load_robot(urdf(joint("ab", "a", "b") + finger, links), tip="b")

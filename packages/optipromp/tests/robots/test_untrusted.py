@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from tests.cli.fixtures import invoke
 from tests.robots.links import BALL, joint
 from tests.robots.meshes import mesh, with_mesh
-from typer.testing import CliRunner
 
 from optipromp import load_plan, plan
-from optipromp.cli.main import app
 from optipromp.cli.robot import Named
 from optipromp.core.errors import InvalidRobotError, InvalidSceneError, OptiPrompError
 from optipromp.core.output import write_plan
@@ -24,8 +23,6 @@ from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.scene import bare_robot
 from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.trials import setting_of
-
-Writer = Callable[..., Path]
 
 CODE = (
     "${(lambda: [c for c in ().__class__.__base__.__subclasses__() "
@@ -66,7 +63,7 @@ def test_a_xacro_that_a_scene_names_is_not_run(far: Path, monkeypatch: pytest.Mo
     mark = far / "mark"
     named = scene(str(xacro(mark)))
     for command in (["check", str(named)], ["plan", str(named), "--out", "out"]):
-        result = CliRunner().invoke(app, command)
+        result = invoke(*command)
         assert result.exit_code == 2
         assert "OPTIPROMP_ALLOW_XACRO=1" in result.output
         assert not mark.exists()
@@ -88,7 +85,7 @@ def test_a_xacro_that_the_user_names_is_run(far: Path) -> None:
     assert mark.exists()
     mark.unlink()
     arm.write_text(arm.read_text())  # or the robot would be kept, and not expanded again
-    result = CliRunner().invoke(app, ["check", str(arm)])
+    result = invoke("check", str(arm))
     assert result.exit_code == 0, result.output
     assert mark.exists()
 
@@ -114,7 +111,7 @@ def test_a_plan_and_a_study_run_no_xacro(far: Path) -> None:
     with pytest.raises(OptiPrompError, match="named by a file"):
         load_plan("made")
     for command in ("check", "report"):
-        assert CliRunner().invoke(app, [command, "made"]).exit_code == 2
+        assert invoke(command, "made").exit_code == 2
     with pytest.raises(InvalidRobotError, match="named by a file"):
         setting_of(Row("cluster", 0), str(Path("arm.xacro").absolute()))
     assert not mark.exists()

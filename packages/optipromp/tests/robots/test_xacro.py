@@ -7,11 +7,10 @@ from pathlib import Path
 
 import pytest
 import yaml
+from tests.cli.fixtures import invoke
 from tests.robots.links import joint
 from tests.scenes.six_joints import six
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRobotError, InvalidSceneError
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import Choice, load_arm
@@ -81,19 +80,16 @@ def test_an_unknown_argument_is_refused(arm: Path) -> None:
 
 
 def test_the_command_line_gives_arguments(arm: Path) -> None:
-    def check(*more: str) -> object:
-        return CliRunner().invoke(app, ["check", str(arm), "--json", *more])
+    check = "check", arm, "--json", "--robot-arg"
 
     def upper(*more: str) -> object:
-        result = check(*more)
-        assert result.exit_code == 0, result.output  # type: ignore[attr-defined]
-        return json.loads(result.stdout)["upper"]  # type: ignore[attr-defined]
+        return json.loads(invoke(*check[:3], *more).stdout)["upper"]
 
     assert upper() == [1.0]
     assert upper("--robot-arg", "upper:=1.5", "--robot-arg", "length:=0.5") == [1.5]
-    wrong = check("--robot-arg", "length=0.5")
-    assert wrong.exit_code == 2  # type: ignore[attr-defined]
-    assert "must be name:=value" in wrong.output  # type: ignore[attr-defined]
+    wrong = invoke(*check, "length=0.5")
+    assert wrong.exit_code == 2
+    assert "must be name:=value" in wrong.output
 
 
 def test_a_scene_states_arguments_and_runs_no_xacro(
@@ -150,32 +146,26 @@ def test_scenes_of_a_xacro_keep_its_arguments(
     declared = '<xacro:arg name="upper" default="2"/><link name="base"/>'
     Path("six.urdf").write_text(text.replace('<link name="base"/>', declared))
     command = ["generate", "--preset", "cluster", "--robot", "six.urdf", "--out", "scenes"]
-    result = CliRunner().invoke(app, [*command, "--robot-arg", "upper:=3.1"])
+    result = invoke(*command, "--robot-arg", "upper:=3.1")
     assert result.exit_code == 0, result.output
     assert "OPTIPROMP_ALLOW_XACRO=1" in result.output
     stated = yaml.safe_load(Path("scenes/cluster-0.yaml").read_text())
     assert stated["robot"] == {"file": "../six.urdf", "args": {"upper": "3.1"}}
-    refused = CliRunner().invoke(app, ["check", "scenes/cluster-0.yaml"])
+    refused = invoke("check", "scenes/cluster-0.yaml")
     assert refused.exit_code == 2
     monkeypatch.setenv("OPTIPROMP_ALLOW_XACRO", "1")
     assert bare_robot(load_scene("scenes/cluster-0.yaml")).upper[0] == pytest.approx(3.1)
 
 
-def test_xacro_in_a_comment_is_no_xacro(tmp_path: Path, runs: list[str]) -> None:
+def test_xacro_in_a_comment_is_no_xacro(arm: Path, runs: list[str]) -> None:
     """As in every file that xacro has written."""
-    text = packages.expanded(_both(tmp_path), [], {}, named_by_user=True)[0].decode()
-    done = tmp_path / "done.urdf"
+    text = packages.expanded(arm, [], {}, named_by_user=True)[0].decode()
+    done = Path("done.urdf")
     text = text.replace("<robot", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"', 1)
     done.write_text(text.replace("<link", "<!-- <xacro:hinge/> --><link", 1))
     runs.clear()
     assert height(done) == pytest.approx(0.3)
     assert not runs
-
-
-def _both(folder: Path) -> Path:
-    (folder / "parts.xacro").write_text(PARTS % HINGE)
-    (folder / "arm.xacro").write_text(ARM)
-    return folder / "arm.xacro"
 
 
 def test_an_argument_may_be_used_that_no_file_declares(arm: Path) -> None:

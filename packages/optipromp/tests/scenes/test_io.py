@@ -2,7 +2,6 @@
 
 import copy
 import json
-import math
 import os
 import pickle
 from dataclasses import replace
@@ -11,8 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from tests.scenes.documents import FRUIT, MINIMAL, with_fruit
 
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
@@ -38,7 +35,6 @@ from optipromp.core.scenes import (
     scene_names,
     scene_to_dict,
 )
-from optipromp.core.scenes.rotations import from_quaternion, to_quaternion
 
 
 def full():
@@ -223,21 +219,7 @@ def test_scale_reaches_every_length():
     assert scaled.pushables[0].stem.radius == 0.003  # a default is in metres
 
 
-@settings(max_examples=100, deadline=None)
-@given(st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: math.hypot(*q) > 0.1))
-def test_quaternions(wxyz):
-    unit = np.array(wxyz) / math.hypot(*wxyz)
-    rotation = from_quaternion(unit)
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(rotation) == pytest.approx(1.0)
-    assert abs(to_quaternion(rotation) @ unit) == pytest.approx(1.0, abs=1e-12)
-
-
-def test_a_quaternion_turns_as_it_should():
-    half = math.sqrt(0.5)
-    np.testing.assert_allclose(
-        from_quaternion([half, 0, 0, half]) @ [1, 0, 0], [0, 1, 0], atol=1e-15
-    )
+def test_a_quaternion_nearly_of_length_one_is_normalised():
     near = with_fruit(orientation=[1.0005, 0, 0, 0])
     np.testing.assert_array_equal(scene_from_dict(near).target.rotation, np.eye(3))
 

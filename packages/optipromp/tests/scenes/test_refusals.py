@@ -115,6 +115,30 @@ NAN, INF = math.nan, math.inf
             MINIMAL | {"objects": [], "goal": {"position": [0, 450, 0], "axis": "free"}},
             "goal.position [0.0, 450.0, 0.0] is 450 m",
         ),
+        # frames, and stems by direction
+        (MINIMAL | {"base": 3}, "base: is 3: must be a mapping with keys position, orientation"),
+        (MINIMAL | {"base": {}}, "base.position is missing"),
+        (MINIMAL | {"base": {"position": [0, 0]}}, "base.position has 2 entries"),
+        (
+            MINIMAL | {"camera": {"position": [0, 0, 0], "orientation": [1, 1, 0, 0]}},
+            "camera.orientation [1.0, 1.0, 0.0, 0.0] has length 1.41421: must be a unit quaternion",
+        ),
+        (MINIMAL | {"frame": "wrld"}, "frame is 'wrld': valid are world, base, camera; did you"),
+        (MINIMAL | {"frame": "camera"}, "frame is 'camera' and the scene has no camera: give its"),
+        (with_fruit(frame="camera"), "objects[0].frame is 'camera' and the scene has no camera"),
+        (with_fruit(frame="cam"), "objects[0].frame is 'cam': valid are world, base, camera"),
+        (
+            MINIMAL | {"base": {"position": [30, 0, 0]}},
+            "position [-29.55, 0.0, 0.89] in the base's frame is 29.5634 m from the robot",
+        ),
+        (with_fruit(stem={"direction": [0, 0, 1]}), "stem: has direction and no length"),
+        (with_fruit(stem={"root": [0, 0, 1], "length": 1}), "stem: has length and no direction"),
+        (
+            with_fruit(stem={"direction": [0, 0, 1], "root": [0, 0, 1]}),
+            "stem: must have exactly one of root, direction (with length), points",
+        ),
+        (with_fruit(stem={"direction": [0, 0, 1], "length": 0}), "stem.length is 0: must be above"),
+        (with_fruit(stem={"direction": [0, 0, 0], "length": 1}), "objects[0]: stem.direction is"),
     ],
 )
 def test_refuses(document, words):

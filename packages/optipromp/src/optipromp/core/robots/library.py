@@ -197,7 +197,7 @@ def built_in_twin(robot: Robot, names: Sequence[str]) -> str | None:
     Names of robots, flanges, tools, limits and bodies are not compared.
     """
     for name in names:
-        other = load_robot(name)
+        other = _built_in(name)
         if other.joint_names == robot.joint_names and all(
             mine.shape == theirs.shape and np.allclose(mine, theirs, rtol=0.0, atol=SAME_JOINTS)
             for mine, theirs in zip(robot.kinematics, other.kinematics, strict=True)
