@@ -115,14 +115,15 @@ def test_a_wall_that_rises_or_goes_is_red(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(walls, "ROOT", tmp_path)
     monkeypatch.setattr(walls, "WALLS", tmp_path / "walls.toml")
     plan = {"start": "a:b", "lines": 9, "files": 2}
-    landed = {"lines": {"core": 10}, "closure": {"plan": plan}, "attributes": {"Guard": 20}}
+    landed = {"lines": {"core": 10, "loop": 10}, "closure": {"plan": plan}, "attributes": {"Guard": 20}}
     walls.WALLS.write_text(walls.written(landed), "utf-8")
     for words in (("init", "-q"), ("add", "."), ("commit", "-qm", "walls")):
         git(*words)
     written(tmp_path, {".ci/landed": f"# the commit\n{git('rev-parse', 'HEAD')}"})
     assert not walls.raised(landed, str(tmp_path))
-    assert not walls.raised({**landed, "lines": {"core": 9, "eyes": 5}}, str(tmp_path))
-    (line,) = walls.raised({**landed, "lines": {"core": 11}}, str(tmp_path))
+    assert not walls.raised({**landed, "lines": {"core": 9, "loop": 10, "eyes": 5}}, str(tmp_path))
+    assert not walls.raised({**landed, "lines": {"core": 8, "loop": 12}}, str(tmp_path))  # moved
+    (line,) = walls.raised({**landed, "lines": {"core": 11, "loop": 10}}, str(tmp_path))
     assert "lines core is 11" in line
     (line,) = walls.raised({**landed, "attributes": {"Guard": 20, "Eyes": 16}}, str(tmp_path))
     assert "attributes Eyes is 16" in line
