@@ -115,7 +115,8 @@ def test_a_wall_that_rises_or_goes_is_red(tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr(walls, "ROOT", tmp_path)
     monkeypatch.setattr(walls, "WALLS", tmp_path / "walls.toml")
     plan = {"start": "a:b", "lines": 9, "files": 2}
-    landed = {"lines": {"core": 10, "loop": 10}, "closure": {"plan": plan}, "attributes": {"Guard": 20}}
+    lines, guard = {"core": 10, "loop": 10}, {"Guard": 20}
+    landed = {"lines": lines, "closure": {"plan": plan}, "attributes": guard}
     walls.WALLS.write_text(walls.written(landed), "utf-8")
     for words in (("init", "-q"), ("add", "."), ("commit", "-qm", "walls")):
         git(*words)
