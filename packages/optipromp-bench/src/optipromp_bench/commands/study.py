@@ -23,8 +23,8 @@ class LoopChoices:
     """The options that choose loops and conditions.
 
     Attributes:
-        loop (NAMES): Instead of planners compare open (plan, execute blind), looks (look again at
-            the camera point, execute blind) and closed (the controller), or all.
+        loop (NAMES): Instead of planners compare open (plan, execute blind) and closed (the
+            controller), or all.
         conditions (NAMES): Of loops: none, zero-mean, detector, missed, lower, aside, sway,
             calibration, limp, near, frozen, early, breaks, larger, gust, stiff, all (what
             errs up to limp, at once); 'all' by itself is each of them, 'all,' that one.

@@ -144,7 +144,6 @@ COLOURS = {
     "chomp": "#4f8a5c",
     "opti-promp": "#1f5fb4",
     "open": "#b0b5bd",
-    "looks": "#8fa6c4",
     "closed": "#1f5fb4",
 }
 

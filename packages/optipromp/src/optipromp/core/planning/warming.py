@@ -19,6 +19,7 @@ from optipromp.core.planning.options import DEFAULTS
 from optipromp.core.planning.result import Proposal
 from optipromp.core.planning.task import resolve
 from optipromp.core.processes import cores
+from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
 
@@ -81,9 +82,10 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
 
 
 def compile_push_model() -> None:
-    """Compile the kernels of the push model."""
+    """Compile the kernels of the push model, on the way in and on the way out."""
     task = resolve(load_scene(WARM_UP))
     model = task.push_model(task.robot.home)
-    assert model is not None
+    assert isinstance(model, Hanging)
     path = model.candidates.path(model.candidates.spread(0)[0])
     model.predict(path.points, path.points)
+    Leaving(model, path.points, path.points).predict(path.points[::-1], path.points)
