@@ -16,7 +16,7 @@ from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.packs.standing import Standing
 from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.scenes import Scene, ToolSpec, load_scene
+from optipromp.core.scenes import Scene, ToolSpec
 from optipromp_sim.generate import generate
 
 HARMFUL = (1, 9)  # clusters in which the rule's path does harm
@@ -193,17 +193,3 @@ def test_the_timeout_holds_on_a_shelf(budget: float, monkeypatch: pytest.MonkeyP
         Code.TIMEOUT, Code.INVALID_PLAN, Code.HARM_PREDICTED,
     )  # fmt: skip
     assert result.trajectory.n_waypoints > 3
-
-
-def test_detected_fruits_are_searched_for_a_safer_path() -> None:
-    """What may hang otherwise than it was seen is judged on more states."""
-    scene = load_scene("scenario-3")
-    seen = replace(
-        scene,
-        objects=tuple(
-            o if o.stem is None else replace(o, covariance=0.005**2 * np.eye(3))
-            for o in scene.objects
-        ),
-    )
-    known, guessed = model_of(resolve(scene)), model_of(resolve(seen))
-    assert guessed.states > known.states

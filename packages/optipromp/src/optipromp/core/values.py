@@ -336,15 +336,21 @@ def fault(name: str, value: Any, found: Sequence[ErrorDetails], notes: Sequence[
     if kind == "missing":
         return f"{name} is missing"
     if kind in ("too_short", "too_long"):
-        side, most = ("min", "least") if kind == "too_short" else ("max", "most")
+        most = "least" if kind == "too_short" else "most"
         count = f"{len(value)}" if isinstance(value, list | tuple) else "other"
-        return f"{name} has {count} entries: must have at {most} {context[f'{side}_length']}"
+        return f"{name} has {count} entries: must have at {most} {context[f'{_SIDE[kind]}_length']}"
     if kind == "literal_error":
-        words = [one.strip("'") for one in re.split(", | or ", str(context["expected"]))]
-        return f"{name} is {short(value)}: {suggest(value, words)}"
+        words = str(context["expected"]).replace(" or ", ", ").split(",")
+        return (
+            f"{name} is {short(value)}: {suggest(value, [w.strip().strip(_QUOTE) for w in words])}"
+        )
     wanted = " or ".join(dict.fromkeys(_wanted(one, value, notes) for one in found))
     units = [one.unit for one in notes if isinstance(one, Unit) and one.unit not in ("", "1")]
     return f"{name} is {short(value)}: must be {wanted}{f' [{units[0]}]' if units else ''}"
+
+
+_SIDE = {"too_short": "min", "too_long": "max"}
+_QUOTE = "'"
 
 
 def _wanted(error: ErrorDetails, value: Any, notes: Sequence[Any]) -> str:
