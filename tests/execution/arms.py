@@ -5,14 +5,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import pytest
 
+from optipromp.core.errors import Code, ExecutionError
 from optipromp.core.execution import Follower, Guard
 from optipromp.core.robots.library import load_robot
 from optipromp.core.trajectory import State, Trajectory
 
 PANDA = load_robot("panda")
-
-
 PERIOD = 1e-3  # [s]
 
 
@@ -89,6 +89,15 @@ def throws(error: BaseException) -> Callable[[Controlled], Any]:
 
 def no_number(_: Controlled) -> State:
     return State(np.full(7, np.nan))
+
+
+def in_trouble(motion: Callable[..., object], *arguments: Any) -> ExecutionError:
+    """The error of a motion that fails."""
+    with pytest.raises(ExecutionError) as caught:
+        motion(*arguments)
+    assert caught.value.code is Code.EXECUTION_FAILED
+    assert "\n" not in caught.value.message
+    return caught.value
 
 
 def assert_at_rest(arm: Controlled) -> None:

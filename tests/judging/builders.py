@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from optipromp.core.geometry import MeshShape
+from optipromp.core.geometry import Box, MeshShape, Sphere
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
@@ -38,3 +38,22 @@ def box_mesh(size: tuple[float, float, float]) -> MeshShape:
         (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
     ]  # fmt: skip
     return MeshShape(corners, np.array(faces))
+
+
+def gap(robot: Robot, made: Trajectory, item: SceneObject, who: Any = slice(None)) -> float:
+    """Smallest distance of the body spheres ``who`` to a moving ball or upright box.
+
+    Densely sampled, by an interpolation of its own.
+    """
+    assert item.motion is not None
+    times = np.linspace(0.0, made.duration, 4000)
+    at = [np.interp(times, item.motion.times, one) for one in item.motion.positions.T]
+    off = robot.sphere_centers(made.sample(times)[0])[:, who] - np.stack(at, axis=1)[:, None]
+    if isinstance(item.shape, Sphere):
+        away = np.linalg.norm(off, axis=-1) - item.shape.radius
+    else:
+        assert isinstance(item.shape, Box)
+        over = np.abs(off) - 0.5 * np.array(item.shape.size)
+        outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
+        away = outside + np.minimum(over.max(axis=-1), 0.0)
+    return float((away - np.asarray(robot.spheres.radius)[who]).min())

@@ -17,6 +17,7 @@ from optipromp.core.planning.warming import warm_up
 from optipromp.core.promp import Demonstrations, load_demonstrations, save_demonstrations
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import JointGoal, Scene, Stem, load_scene
+from optipromp.core.scenes.scene import bare_robot
 
 RECORDED = (
     Path(__file__).resolve().parents[2] / "../shared/data/panda_demonstrations/demonstrations.npz"
@@ -44,6 +45,15 @@ def planned() -> Callable[..., Plan]:
         return made(scene, planner, tuple(sorted(settings.items())))
 
     return _planned
+
+
+@pytest.fixture(scope="session")
+def bare() -> Scene:
+    """A turn of the arm's first joints from home, with nothing in its way."""
+    known = load_scene("scenario-3")
+    home = bare_robot(known).home
+    goal = home + np.array([1.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return replace(known, name="bare", objects=(), start=home, goal=JointGoal(goal))
 
 
 @pytest.fixture

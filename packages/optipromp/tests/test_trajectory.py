@@ -80,24 +80,6 @@ def test_rows_at_another_rate_are_the_same_curve(seed: int, rate: float) -> None
             np.testing.assert_allclose(values, given_, atol=2e-3 * np.abs(given_).max())
 
 
-def test_through_waypoints_four_derivatives_are_continuous() -> None:
-    rng = np.random.default_rng(3)
-    times = np.append(0.0, rng.uniform(0.1, 0.4, 9).cumsum())
-    begin = State(np.zeros(3), rng.normal(size=3), rng.normal(size=3))
-    q = rng.normal(size=(10, 3))
-    curve = Trajectory.through(q, times, ("a", "b", "c"), begin=begin)
-    np.testing.assert_array_equal(curve.positions, q)
-    np.testing.assert_array_equal(curve.velocities[0], begin.velocity)
-    np.testing.assert_array_equal(curve.accelerations[0], begin.acceleration)
-    assert not curve.velocities[-1].any()
-    assert not curve.accelerations[-1].any()
-    pieces = independent(curve)
-    for order in (3, 4):
-        part = pieces.derivative(order)
-        before, after = part(times[1:-1] - 1e-12), part(times[1:-1] + 1e-12)
-        np.testing.assert_allclose(before, after, rtol=1e-6, atol=1e-6 * np.abs(after).max())
-
-
 @given(seed=st.integers(0, 10_000), rows=st.integers(2, 60), moving=st.booleans())
 @settings(max_examples=40, deadline=None)
 def test_through_waypoints_it_is_scipys_spline(seed: int, rows: int, moving: bool) -> None:

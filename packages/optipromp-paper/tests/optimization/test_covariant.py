@@ -91,9 +91,6 @@ def test_every_step_lowers_the_objective_and_no_end_moves(panda: Any) -> None:
 
 def test_a_free_end_moves(panda: Any) -> None:
     problem, q = chomp(panda.robot, ends=False), reach(panda.robot)
-    problem.evaluate(q)
-    gradient = problem.gradient().copy()
-    assert gradient[-1].any() or np.abs(gradient).any()
     result = descend(problem, q, Budget(), iterations=20)
     np.testing.assert_array_equal(result.q[0], q[0])
     assert not np.array_equal(result.q[-1], q[-1])
@@ -104,8 +101,7 @@ def test_where_nothing_is_downhill_it_ends_at_once(panda: Any) -> None:
     q = np.tile(panda.robot.home, (WAYPOINTS, 1))
     problem = chomp(panda.robot)
     result = descend(problem, q, Budget())
-    free = problem.evaluate(q).costs["static"] == 0.0
-    assert free
+    assert problem.evaluate(q).costs["static"] == 0.0
     assert result.iterations == 0
     np.testing.assert_array_equal(result.q, q)
 

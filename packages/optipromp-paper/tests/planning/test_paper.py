@@ -2,7 +2,6 @@
 
 import json
 import re
-import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -122,9 +121,13 @@ def test_the_drift_offset_is_what_is_kept(offset: float, planned: Planned) -> No
 
 @pytest.mark.parametrize("strategy", ["joint", "sequential"])
 def test_a_plan_that_lacks_drift_is_no_success(strategy: Any, three: Scene) -> None:
-    """0.9 m aside, left and right, within 75 mm of height: the arm is too short."""
-    result = plan(three, planner=Paper(strategy=strategy, drift_offset=0.9), timeout=1.0)
-    assert result.status in (Code.INVALID_PLAN, Code.TIMEOUT)
+    """0.9 m aside, left and right, within 75 mm of height: the arm is too short.
+
+    Radii and goal configurations are many; what cannot succeed stops when it is told to.
+    """
+    result = plan(three, planner=Paper(strategy=strategy, drift_offset=0.9), timeout=0.5)
+    assert result.time["total"] < 2.0
+    assert result.status is Code.TIMEOUT or (strategy, result.status) == ("joint", "INVALID_PLAN")
     assert "constraint 1 of the paper asks for 900.0 mm" in result.message
 
 
@@ -287,14 +290,6 @@ def test_the_collision_stage_leaves_no_collision_cost(planned: Planned) -> None:
     held = planned("scenario-3", "paper")
     for obj in SIDE:
         assert abs(free.metrics.M_p[obj] or 0.0) < abs(held.metrics.M_p[obj] or 0.0)
-
-
-def test_the_sequential_strategy_heeds_its_deadline(three: Scene) -> None:
-    """Radii and goal configurations are many; what cannot succeed stops when it is told to."""
-    began = time.perf_counter()
-    result = plan(three, planner=Paper(drift_offset=0.9), timeout=0.5)
-    assert time.perf_counter() - began < 2.0
-    assert result.status is Code.TIMEOUT
 
 
 @pytest.mark.parametrize("strategy", ["joint", "sequential"])

@@ -8,7 +8,6 @@ from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.rules import drift_choices
 from optipromp.core.scenes import Scene, SceneObject
-from optipromp_paper.paper import Paper
 from optipromp_sim.generate import generate
 
 HAND = 0.04  # [m] R_gripper of the Franka hand
@@ -65,10 +64,3 @@ def test_where_no_pack_is_a_neighbour_the_tool_is_slow_beside_them() -> None:
     result = plan(scene, planner="paper")
     assert result.status in (Code.SUCCESS, Code.HARM_PREDICTED), result.message
     assert "m/s among" not in result.message
-
-
-def test_a_shelf_without_a_plan_says_what_is_missing() -> None:
-    """An offset that no arm has beside a board: the status is typed, and its cause is told."""
-    result = plan(generate("shelf", 7), planner=Paper(drift_offset=0.5), timeout=1.0)
-    assert result.status in (Code.INVALID_PLAN, Code.TIMEOUT)
-    assert "constraint 1 of the paper asks for 500.0 mm" in result.message

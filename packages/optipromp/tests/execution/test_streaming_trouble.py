@@ -12,6 +12,7 @@ from tests.execution.arms import (
     Controlled,
     always,
     assert_at_rest,
+    in_trouble,
     late,
     no_number,
     once,
@@ -19,9 +20,8 @@ from tests.execution.arms import (
 )
 from tests.execution.streams import WHOLE, between, giving, quiet, rest, wanted
 
-from optipromp.core.errors import Code, ExecutionError
 from optipromp.core.execution import Executed
-from optipromp.core.execution.executor import Source, Stretch
+from optipromp.core.execution.executor import Stretch
 from optipromp.core.execution.streaming import AskingApart
 from optipromp.core.trajectory import State
 
@@ -34,14 +34,6 @@ class Apart(Controlled):
     def command(self, reference: State) -> None:
         time.sleep(2e-4)
         super().command(reference)
-
-
-def trouble(arm: Controlled, source: Source, **more: Any) -> ExecutionError:
-    with pytest.raises(ExecutionError) as caught:
-        arm.follow(source, **more)
-    assert caught.value.code is Code.EXECUTION_FAILED
-    assert "\n" not in caught.value.message
-    return caught.value
 
 
 def test_none_that_is_answered_after_the_end_to_a_question_before_it_ends_nothing() -> None:
@@ -86,7 +78,7 @@ def test_a_source_that_fails(kind: type[Controlled], effect: Any, told: str) -> 
         return effect(arm) if now > 1.0 else given(now, *states)
 
     arm = kind(quiet)
-    error = trouble(arm, source)
+    error = in_trouble(arm.follow, source)
     assert f"s the source failed ({told}" in error.message
     assert error.message.endswith("the arm came to rest")
     assert isinstance(error.executed, Executed)
@@ -129,7 +121,7 @@ def test_a_state_that_cannot_be_read_in_motion(often: Any) -> None:
         asked.append(now)
         return given(now, *states)
 
-    error = trouble(arm, source)
+    error = in_trouble(arm.follow, source)
     assert "the state could not be read (InvalidRequestError: state.q[0] is nan" in error.message
     assert error.message.endswith("the arm came to rest")
     assert max(asked) <= 1.01  # a source leads no arm that cannot be seen

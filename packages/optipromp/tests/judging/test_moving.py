@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.judging.builders import moving
+from tests.judging.builders import gap, moving
 
 from optipromp.core import judging
 from optipromp.core.geometry.shapes import Sphere
@@ -44,15 +44,6 @@ def judged(panda: Robot, made: Trajectory, item: SceneObject) -> judging.Judgeme
     return judging.judge(Scene("s", "panda", (item,), goal=goal), panda, made)
 
 
-def gap(panda: Robot, made: Trajectory, item: SceneObject, who: np.ndarray) -> float:
-    """Smallest distance of spheres ``who`` (B,) to the moving ball, densely sampled."""
-    assert item.motion is not None
-    times = np.linspace(0.0, made.duration, 4000)
-    off = panda.sphere_centers(made.sample(times)[0])[:, who] - item.motion.at(times)[:, None]
-    away = np.linalg.norm(off, axis=2) - np.asarray(panda.spheres.radius)[who]
-    return float(away.min()) - 0.03
-
-
 def test_the_arm_meets_an_avoid_object_in_time_alone(panda: Robot, swing: Trajectory) -> None:
     """Clear at time 0 and for another timing; the depth is that of dense samples."""
     item = visitor("avoid", elbow(panda, swing, 10.0), 10.0)
@@ -74,8 +65,7 @@ def test_the_arm_meets_an_avoid_object_in_time_alone(panda: Robot, swing: Trajec
     assert met.metrics.clearance_static is None
     late = judged(panda, swing, visitor("avoid", elbow(panda, swing, 10.0), 18.0))
     assert not late.contacts
-    assert late.metrics.clearance_avoid is not None
-    assert late.metrics.clearance_avoid > 0.0
+    assert (late.metrics.clearance_avoid or 0.0) > 0.0
 
 
 def test_last_link_and_tool_may_touch_what_moves_by_its_role(
@@ -108,8 +98,7 @@ def test_a_pushable_is_in_the_arms_way_where_it_is_then(panda: Robot, swing: Tra
     item = SceneObject("ball", "pushable", Sphere(0.03), places[0], motion=motion, stem=stem)
     found = judged(panda, swing, item)
     assert {c.other for c in found.contacts} >= {"ball"}
-    assert found.metrics.clearance_pushable is not None
-    assert found.metrics.clearance_pushable < 0.0
+    assert (found.metrics.clearance_pushable or 0.0) < 0.0
     assert not judged(panda, swing, replace(item, motion=None)).contacts
 
 

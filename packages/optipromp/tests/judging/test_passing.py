@@ -1,7 +1,6 @@
 """On which side the tool passes each pushable, and how far from it."""
 
 import itertools
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -19,7 +18,7 @@ from optipromp.core.judging.speed import between
 from optipromp.core.judging.speed import passages as judged_passing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Approach, Scene, SceneObject, Stem
-from optipromp.core.trajectory import State
+from optipromp.core.trajectory import State, Trajectory
 from optipromp_paper.paper_costs import paper_violations
 
 FRUIT = np.array([0.0, 0.0, 0.6])
@@ -27,24 +26,31 @@ TARGET = np.array([0.0, 0.0, 0.75])
 BALL = Sphere(0.015)
 
 
-def passages(
-    gantry: Robot, stem: Any, aside: Callable[[np.ndarray], Any], fruit: Any = FRUIT,
-    shape: Shape = BALL,
-) -> judging.Judgement:  # fmt: skip
+def fruit_before(stem: Any, fruit: Any = FRUIT, shape: Shape = BALL) -> Scene:
+    """A fruit that hangs by a stem along ``stem``, before the target."""
+    hung = None if stem is None else Stem(np.array([fruit, fruit + np.asarray(stem)]))
+    return to(
+        None,
+        obj("target", Sphere(0.015), TARGET, name="ripe"),
+        SceneObject("n", "pushable", shape, np.asarray(fruit), stem=hung),
+    )
+
+
+def upward(gantry: Robot, aside: Callable[[Any], Any], fruit: Any = FRUIT) -> Trajectory:
     """The tool goes up past a fruit with lateral offsets ``aside(height over the fruit)``."""
     height = np.linspace(0.2, 0.75, 56)
     path = np.zeros((56, 3))
     path[:, 2] = height
     path[:, :2] += np.asarray([aside(h) for h in height - fruit[2]])
     path[-1] = TARGET
-    hung = None if stem is None else Stem(np.array([fruit, fruit + np.asarray(stem)]))
-    scene = to(
-        None,
-        obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject("n", "pushable", shape, np.asarray(fruit), stem=hung),
-    )
     # the ball of the y carriage hangs 0.5 under the fruit's height, out of the way
-    return judging.judge(scene, gantry, moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0))
+    return moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0)
+
+
+def passages(
+    gantry: Robot, stem: Any, aside: Callable[[Any], Any], fruit: Any = FRUIT, shape: Shape = BALL
+) -> judging.Judgement:
+    return judging.judge(fruit_before(stem, fruit, shape), gantry, upward(gantry, aside, fruit))
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -116,19 +122,7 @@ def test_passing_holds_in_any_frame(gantry: Robot) -> None:
 
 def test_the_side_of_a_stem_may_be_a_note(gantry: Robot) -> None:
     """Where pushes were predicted it is a note, not a violation; all else is judged alike."""
-    fruit = FRUIT
-    height = np.linspace(0.2, 0.75, 56)
-    path = np.column_stack([np.full(56, 0.01), np.full(56, 0.06), height])
-    path[-1] = TARGET
-    scene = to(
-        None,
-        obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject(
-            "n", "pushable", Sphere(0.015), fruit,
-            stem=Stem(np.array([fruit, fruit + [0.0, 0.05, 0.2]])),
-        ),
-    )  # fmt: skip
-    motion = moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0)
+    scene, motion = fruit_before((0.0, 0.05, 0.2)), upward(gantry, lambda h: (0.01, 0.06))
     strict = judging.judge(scene, gantry, motion)
     lenient = judging.judge(scene, gantry, motion, stem_side=False)
     assert [*map(str, strict.violations)] == ["the tool passes n on the side of its stem"]
@@ -151,12 +145,7 @@ def test_drift_shortfall_counts_from_the_camera_point_on(gantry: Robot) -> None:
     path[:, 1] = np.where(np.arange(80) < 40, np.interp(path[:, 2], [0.485, 0.6], [0.0, 0.3]),
                           np.interp(path[:, 2], [0.485, 0.58], [0.0, -0.045]))  # fmt: skip
     path[-1] = TARGET
-    stem = Stem(np.array([FRUIT, FRUIT + [0.0, 0.05, 0.2]]))
-    scene = to(
-        None,
-        obj("target", Sphere(0.015), TARGET, name="ripe"),
-        SceneObject("n", "pushable", Sphere(0.015), FRUIT, stem=stem),
-    )
+    scene = fruit_before((0.0, 0.05, 0.2))
     motion = moving(gantry, path - [0.0, 0.0, 0.13], dt=9.0)
     for options, short in (
         ({}, 0.005),  # of the gripper's radius, 0.05
@@ -219,11 +208,7 @@ def test_the_papers_constraints_as_a_check(gantry: Robot) -> None:
     for y, kinds in rows:
         stem = (0.0, 0.1, 0.0)
         judgement = passages(gantry, stem, lambda h, y=y: (0.0, y))  # type: ignore[misc]
-        hung = SceneObject(
-            "n", "pushable", Sphere(0.015), FRUIT, stem=Stem(FRUIT + [np.zeros(3), stem])
-        )
-        scene = to(None, obj("target", Sphere(0.015), TARGET, name="ripe"), hung)
-        found = paper_violations(scene, judgement.metrics)
+        found = paper_violations(fruit_before(stem), judgement.metrics)
         assert [violation.kind for violation in found] == kinds
         assert all(v.subject == "n" and " n" in str(v) for v in found)
         if kinds == ["drift"]:
@@ -286,15 +271,3 @@ def test_the_passage_is_told_in_the_plane(gantry: Robot) -> None:
     metrics = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.03, -0.06)).metrics
     assert metrics.passage["n"] == pytest.approx((0.03, -0.06), abs=1e-9)
     assert metrics.M_p["n"] == pytest.approx(-0.06)
-
-
-def test_to_dict_is_plain_and_complete(gantry: Robot) -> None:
-    document = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, -0.06)).metrics.to_dict()
-    assert json.loads(json.dumps(document)) == document
-    assert set(document) >= {
-        "M_c", "M_p", "stem_projection", "drift_shortfall", "stem_gap", "clearance_static",
-        "clearance_avoid",
-        "clearance_avoid_tool", "clearance_self", "goal_error", "goal_axis_error",
-        "limit_violation", "max_step", "path_length", "smoothness", "duration",
-        "velocity_ratio", "acceleration_ratio",
-    }  # fmt: skip

@@ -81,12 +81,6 @@ def test_a_start_that_nearly_keeps_the_constraints_is_told_from_one_that_does_no
     assert GaussNewtonOptions(kept=0.3).keeps(Value(1.0 + penalty, {}, 1.0, penalty)) is keeps
 
 
-def test_its_input_stays_as_it_is(panda: Any) -> None:
-    q = panda.q.copy()
-    solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), q, ONE_STAGE)
-    np.testing.assert_array_equal(q, panda.q)
-
-
 def test_stops_at_its_deadline_with_what_it_has(panda: Any) -> None:
     problem = to_goal(panda, np.array([0.3, 0.2, 0.5]))
     result = solve(problem, panda.q, ONE_STAGE, Budget(clock() - 1.0))
@@ -103,8 +97,10 @@ def test_no_iterations_is_no_step(panda: Any) -> None:
 
 
 def test_no_step_is_longer_than_allowed(panda: Any) -> None:
-    options = GaussNewtonOptions(stages=(1.0,), iterations=(1,), largest_step=0.01)
-    result = solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), panda.q, options)
+    """Its input stays as it is."""
+    options, q = GaussNewtonOptions((1.0,), (1,), largest_step=0.01), panda.q.copy()
+    result = solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), q, options)
+    np.testing.assert_array_equal(q, panda.q)
     assert 0.0 < np.abs(result.q - panda.q).max() <= 0.01 * (1.0 + 1e-12)
 
 

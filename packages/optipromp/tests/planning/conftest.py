@@ -1,5 +1,6 @@
 """The fixtures of the tests of planning."""
 
+from tests.planning.fixtures import bare as bare
 from tests.planning.fixtures import compiled as compiled
 from tests.planning.fixtures import four as four
 from tests.planning.fixtures import moved_fixture as moved_fixture

@@ -60,7 +60,7 @@ def test_unknown_missing_and_no_names_are_refused(
     path = written(tmp_path / "demos.npz", task.robot.joint_names, names)
     with pytest.raises(InvalidDemonstrationError, match=rf"demos\.npz: {message}"):
         learnt(task, path)
-    with pytest.raises(InvalidDemonstrationError, match=message):
+    with pytest.raises(InvalidDemonstrationError, match=f"the ProMP: {message}"):
         learnt(task, fit(load_demonstrations(path)))
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.planning.builders import assert_success
+from tests.planning.builders import assert_success, beside_a_box
 
 from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
@@ -15,10 +15,6 @@ from optipromp.core.scenes import Pose, Scene, save_scene, scene_from_dict, scen
 from optipromp_paper.paper import Paper
 
 DOWN = [0, 0, -1]
-BLOCK = {
-    "id": "box", "role": "static", "shape": {"box": {"size": [0.2, 0.2, 0.4]}},
-    "position": [0.5, 0.0, 0.2],
-}  # fmt: skip
 ASIDE = {"position": [0.3, 0.5, 0.4], "axis": DOWN}
 LEVEL = {"position": [0.45, 0.5, 0.502], "axis": "free"}
 CUP = {"upright": {"axis": DOWN, "angle": 5}}
@@ -26,11 +22,7 @@ PLANE = {"plane": {"point": [0, 0, 0.504], "normal": [0, 0, 1], "within": 0.006}
 
 
 def scene(goal: Any, path: Any = None) -> Scene:
-    given = {
-        "name": "s", "robot": "panda", "objects": [BLOCK], "goal": goal,
-        "start": [0, -0.3, 0, -2.2, 0, 1.9, 0.8],
-    }  # fmt: skip
-    return scene_from_dict(given if path is None else given | {"path": path})
+    return beside_a_box(goal, **({} if path is None else {"path": path}))
 
 
 WAYS = {"points": [{"position": [0.45, 0.3, 0.4], "axis": DOWN}], "speed": 0.1}
@@ -166,10 +158,3 @@ def test_refusals_of_a_path(path: Any, words: str) -> None:
     with pytest.raises(InvalidSceneError) as refused:
         scene(ASIDE, path)
     assert words in str(refused.value)
-
-
-def test_a_path_goes_with_a_goal() -> None:
-    fruit = {"id": "f", "role": "target", "shape": {"sphere": {"radius": 0.02}},
-             "position": [0.4, 0.0, 0.6]}  # fmt: skip
-    with pytest.raises(InvalidSceneError, match="path goes with a goal"):
-        scene_from_dict({"name": "s", "robot": "panda", "objects": [fruit], "path": CUP})

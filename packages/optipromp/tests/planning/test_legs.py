@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.planning.builders import tool_speed
 from typer.testing import CliRunner
 
 from optipromp import PlanOptions, load_pick, plan, plan_pick, simulate
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry import Box
-from optipromp.core.planning import Plan
 from optipromp.core.planning.leg_tasks import leg, leg_task
 from optipromp.core.planning.legs import Picked, led_out
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT
@@ -129,23 +129,14 @@ def test_what_is_pressed_on_the_way_out_is_predicted(caught: Picked) -> None:
     assert model.harm(down, np.tile(axis, (100, 1)), model.states) > stays
 
 
-def test_without_a_place_a_pick_ends_with_its_retreat(tmp_path: Path) -> None:
+def test_without_a_place_a_pick_ends_with_its_retreat() -> None:
     pytest.importorskip("mujoco")
-    scene = replace(placing("tight", 3), place=None)
-    picked = plan_pick(scene)
+    picked = plan_pick(replace(placing("tight", 3), place=None))
     assert list(picked.legs) == [REACH, RETREAT]
     assert picked.success, picked.message
     outcome = simulate(picked).outcome
     assert outcome.success, outcome.message
     assert outcome.placed is None
-    save_scene(scene, tmp_path / "tight.yaml")
-    made = invoke("plan", tmp_path / "tight.yaml", "--no-figures", "--json", "--out",
-                  tmp_path / "out")  # fmt: skip
-    assert made.exit_code == 0, made.stdout
-    read = load_pick(tmp_path / "out")
-    assert isinstance(read, Picked)
-    curve = read.legs[RETREAT].trajectory
-    assert (curve.positions == picked.legs[RETREAT].trajectory.positions).all()
 
 
 @pytest.mark.parametrize("asked", [{"approach_speed": 0.05}, {"duration": 6.0}])
@@ -156,13 +147,6 @@ def test_a_speed_or_a_duration_that_is_asked_for_holds_for_the_way_out(
     slow = plan_pick(scene, options=PlanOptions(**asked)).legs[RETREAT]  # type: ignore[arg-type]
     fastest = asked.get("approach_speed", 0.1) * 1.1
     assert tool_speed(slow) <= fastest < tool_speed(plan_pick(scene).legs[RETREAT])
-
-
-def tool_speed(made: Plan) -> float:
-    """Largest speed of the tool [m/s]."""
-    times = np.arange(0.0, made.trajectory.duration, 2e-3)
-    points, _ = made.robot.tool_pose(made.trajectory.sample(times)[0])
-    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).max() / 2e-3)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.planning.builders import assert_success
+from tests.planning.builders import assert_success, beside_a_box
 
 from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
@@ -26,10 +26,6 @@ from optipromp.core.trajectory import Trajectory
 
 HALF = math.sqrt(0.5)
 DOWN = [0, 0, -1]
-BLOCK = {
-    "id": "box", "role": "static", "shape": {"box": {"size": [0.2, 0.2, 0.4]}},
-    "position": [0.5, 0.0, 0.2],
-}  # fmt: skip
 CORNERS = [[0.35, 0.3, 0.5], [0.55, 0.3, 0.5]]
 LAST = [0.5, 0.3, 0.3]
 GOAL = {"position": LAST, "axis": DOWN}
@@ -37,11 +33,7 @@ POINTS = [{"position": at, "axis": DOWN} for at in CORNERS]
 
 
 def scene(waypoints: Any, goal: Any = GOAL, **more: Any) -> Scene:
-    given = {
-        "name": "s", "robot": "panda", "objects": [BLOCK], "goal": goal,
-        "start": [0, -0.3, 0, -2.2, 0, 1.9, 0.8],
-    }  # fmt: skip
-    return scene_from_dict(given | ({"waypoints": waypoints} if waypoints else {}) | more)
+    return beside_a_box(goal, **({"waypoints": waypoints} if waypoints else {}) | more)
 
 
 def tool(made: Plan) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -152,8 +144,7 @@ def test_the_judge_names_line_way_point_amount_and_time() -> None:
     assert "waypoints[" in found.message
     other_order = judge(scene(POINTS[::-1]), made.trajectory).judgement.violations
     assert [v.kind for v in other_order] == ["line"]
-    assert other_order[0].amount is not None
-    assert other_order[0].amount > 0.05
+    assert (other_order[0].amount or 0.0) > 0.05
     q = np.array(made.trajectory.positions)
     middle = made.first + 15
     q[middle - 4 : middle + 5, 3] += 0.01 * np.hanning(9)
@@ -259,8 +250,15 @@ def test_refusals_of_way_points(waypoints: Any, goal: Any, words: str) -> None:
     assert words in str(refused.value)
 
 
-def test_way_points_go_with_a_goal() -> None:
+@pytest.mark.parametrize(
+    ("way", "words"),
+    [
+        ({"waypoints": POINTS}, "no goal: waypoints go with one goal"),
+        ({"path": {"upright": {"axis": DOWN, "angle": 5}}}, "path goes with a goal"),
+    ],
+)
+def test_what_a_scene_says_of_the_way_goes_with_a_goal(way: Any, words: str) -> None:
     fruit = {"id": "f", "role": "target", "shape": {"sphere": {"radius": 0.02}},
              "position": [0.4, 0.0, 0.6]}  # fmt: skip
-    with pytest.raises(InvalidSceneError, match="no goal: waypoints go with one goal"):
-        scene_from_dict({"name": "s", "robot": "panda", "objects": [fruit], "waypoints": POINTS})
+    with pytest.raises(InvalidSceneError, match=words):
+        scene_from_dict({"name": "s", "robot": "panda", "objects": [fruit], **way})

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.judging.builders import gap
 
 import optipromp
 from optipromp.core.budget import Budget, pause
@@ -16,22 +17,12 @@ from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.planning.result import Answer
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.underway import later
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject
 from optipromp.core.scenes.io import save_scene
 from optipromp.core.scenes.objects import ObjectMotion
-from optipromp.core.scenes.scene import JointGoal, bare_robot
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.scenes.scene import JointGoal
 
 OUT = np.array([0.5, 0.35, 0.0])  # [m] away from the arm's base
-
-
-@pytest.fixture(scope="module")
-def bare() -> Scene:
-    known = optipromp.load_scene("scenario-3")
-    home = bare_robot(known).home
-    goal = home + np.array([1.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return replace(known, name="bare", objects=(), start=home, goal=JointGoal(goal))
 
 
 @pytest.fixture(scope="module")
@@ -48,21 +39,6 @@ def middle(direct: Plan) -> np.ndarray:
 def place(motion: ObjectMotion, t: Any) -> np.ndarray:
     """Position (3,) at a time or positions (T, 3) at times, by an interpolation of their own."""
     return np.stack([np.interp(t, motion.times, one) for one in motion.positions.T], axis=-1)
-
-
-def gap(robot: Robot, made: Trajectory, item: SceneObject, count: int = 3000) -> float:
-    """Smallest distance of any body sphere to a moving ball or upright box, densely sampled."""
-    assert item.motion is not None
-    times = np.linspace(0.0, made.duration, count)
-    off = robot.sphere_centers(made.sample(times)[0]) - place(item.motion, times)[:, None]
-    if isinstance(item.shape, Sphere):
-        away = np.linalg.norm(off, axis=-1) - item.shape.radius
-    else:
-        assert isinstance(item.shape, Box)
-        over = np.abs(off) - 0.5 * np.array(item.shape.size)
-        outside = np.linalg.norm(np.maximum(over, 0.0), axis=-1)
-        away = outside + np.minimum(over.max(axis=-1), 0.0)
-    return float((away - robot.spheres.radius).min())
 
 
 def poking(middle: np.ndarray, at: float = 1.0) -> SceneObject:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.judging.builders import gap
 from typer.testing import CliRunner
 
 import optipromp
@@ -16,12 +17,9 @@ from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import Plan, PlanOptions, plan_pick
 from optipromp.core.planning.underway import later
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import Scene, SceneObject, save_scene
 from optipromp.core.scenes.held import Place
 from optipromp.core.scenes.objects import ObjectMotion
-from optipromp.core.scenes.scene import JointGoal, bare_robot
-from optipromp.core.trajectory import Trajectory
 from optipromp_loop.control.controller import Controller
 from optipromp_sim.simulation.export import mjcf
 from optipromp_sim.simulation.simulation import Simulation
@@ -46,32 +44,15 @@ def usual() -> Plan:
     return optipromp.plan(KNOWN)
 
 
-@pytest.fixture(scope="module")
-def bare() -> Scene:
-    home = bare_robot(KNOWN).home
-    goal = home + np.array([1.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
-    return replace(KNOWN, name="bare", objects=(), start=home, goal=JointGoal(goal))
-
-
-def gap(robot: Robot, made: Trajectory, ball: SceneObject) -> float:
-    """Smallest distance of the arm (B_d) to a moving ball, densely sampled."""
-    times, proximal = np.linspace(0.0, made.duration, 3000), ~np.asarray(robot.spheres.distal)
-    assert ball.motion is not None
-    q, _, _ = made.sample(times)
-    off = robot.sphere_centers(q)[:, proximal] - ball.motion.at(times)[:, None]
-    away = np.linalg.norm(off, axis=2) - np.asarray(robot.spheres.radius)[proximal]
-    return float(away.min()) - ball.radius
-
-
 def test_the_arm_keeps_off_an_avoid_object_that_crosses_its_way(bare: Scene) -> None:
     direct = optipromp.plan(bare, options=PlanOptions(duration=2.0))
-    spheres = direct.robot.sphere_centers(direct.trajectory.at(1.0).q[None])[0]
-    spheres = spheres[~np.asarray(direct.robot.spheres.distal)]
+    arm = ~np.asarray(direct.robot.spheres.distal)  # B_d
+    spheres = direct.robot.sphere_centers(direct.trajectory.at(1.0).q[None])[0][arm]
     there = spheres[np.argmax(np.linalg.norm(spheres[:, :2], axis=1))]
     motion = ObjectMotion(np.array([0.0, 1.0, 2.0]), np.array([there + OUT, there, there + OUT]))
     ball = SceneObject("ball", "avoid", Sphere(0.06), there + OUT, motion=motion)
     scene = replace(bare, objects=(ball,))
-    assert gap(direct.robot, direct.trajectory, ball) < -0.03
+    assert gap(direct.robot, direct.trajectory, ball, arm) < -0.03
     assert [c.other for c in optipromp.judge(scene, direct.trajectory).judgement.contacts] == [
         "ball"
     ]
@@ -79,10 +60,9 @@ def test_the_arm_keeps_off_an_avoid_object_that_crosses_its_way(bare: Scene) -> 
     assert {c.other for c in hit.outcome.avoid_contacts} == {"ball"}
     made = optipromp.plan(scene)
     assert made.success, made.message
-    assert gap(made.robot, made.trajectory, ball) > 0.0
-    assert made.metrics.clearance_avoid == pytest.approx(
-        gap(made.robot, made.trajectory, ball), abs=5e-3
-    )
+    room = gap(made.robot, made.trajectory, ball, arm)
+    assert room > 0.0
+    assert made.metrics.clearance_avoid == pytest.approx(room, abs=5e-3)
     run = optipromp.simulate(made)
     assert run.success, run.outcome.message
     assert not run.outcome.avoid_contacts

@@ -88,16 +88,9 @@ def test_a_value_plans_as_the_words_that_mean_it(three: Scene) -> None:
     same(plan(three, planner=IProMP(waypoints=60)), plan(three, planner="i-promp", options=coarse))
 
 
-def test_settings_are_checked_when_a_planner_is_made() -> None:
-    with pytest.raises(InvalidRequestError, match="corridor is -1"):
-        OptiProMP(corridor=-1.0)
-    with pytest.raises(InvalidRequestError, match=r"camera_phase is 2\.0"):
-        IProMP(camera_phase=2.0)
+def test_a_value_has_its_own_settings(three: Scene) -> None:
     with pytest.raises(InvalidRequestError, match="speeed is no setting of opti-promp"):
         planner.make("opti-promp", speeed=1.0)
-
-
-def test_a_value_has_its_own_settings(three: Scene) -> None:
     with pytest.raises(InvalidRequestError, match="max_step: must be settings of the planner"):
         plan(three, planner=OptiProMP(), options=PlanOptions(max_step=0.03, timeout=5.0))
     with pytest.raises(InvalidRequestError, match=r"an object with solve\(task, budget\)"):

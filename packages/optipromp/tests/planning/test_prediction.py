@@ -1,26 +1,22 @@
 """What the push of a plan is predicted to do, whoever planned it; and which path that chooses."""
 
-import json
 import time
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from optipromp import judge, load_plan, write_plan
+from optipromp import judge
 from optipromp.core import judging
 from optipromp.core.errors import Code
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.task import Task, resolve, tool_motion
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.packs.standing import Standing
-from optipromp.core.pushing.path import STEP, through
-from optipromp.core.pushing.rules import rule_paths
+from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.scenes import Scene, ToolSpec, load_scene
+from optipromp.core.scenes import Scene, ToolSpec
 from optipromp_sim.generate import generate
 
 HARMFUL = (1, 9)  # clusters in which the rule's path does harm
@@ -117,28 +113,6 @@ def test_the_judge_predicts_the_push_that_the_plan_does() -> None:
     assert max(apart) > 0.05
 
 
-@pytest.mark.parametrize("scene", ["scenario-3", "shelf"])
-def test_a_prediction_outlives_its_file(scene: str, tmp_path: Path) -> None:
-    result = plan("scenario-3", planner="promp") if scene != "shelf" else plan(generate("shelf", 5))
-    assert result.prediction is not None
-    write_plan(result, tmp_path)
-    again = load_plan(tmp_path)
-    assert again.prediction == result.prediction
-    assert again.status is result.status
-    np.testing.assert_array_equal(again.followed.positions, result.followed.positions)
-    np.testing.assert_array_equal(again.initial.positions, result.initial.positions)
-    assert np.array_equal(again.followed.times, result.followed.times)
-    document = json.loads((tmp_path / "plan.json").read_text(encoding="utf-8"))
-    assert document["predicted_harm"] == {
-        "harm": result.prediction.harm,
-        "threshold": result.prediction.threshold,
-        "probability": result.prediction.probability,
-        "object": result.prediction.object,
-        "cause": result.prediction.cause,
-        "forces": result.prediction.forces,
-    }
-
-
 # --- which model -------------------------------------------------------------------------------
 
 
@@ -190,21 +164,6 @@ def test_where_the_rules_path_harms_another_is_found(seed: int) -> None:
     assert own.prediction.harm < 0.5 * rule.prediction.harm
 
 
-@pytest.mark.parametrize("seed", [10, HARMFUL[0]])
-def test_without_prediction_the_tool_goes_the_rules_way(seed: int) -> None:
-    """All the way to the target, in all three axes."""
-    scene = generate("cluster", seed)
-    task = resolve(scene)
-    share = np.linspace(0.0, 1.0, 10_000)
-    ways = [
-        through(corners, 0.1).at(share)
-        for corners in rule_paths(scene, task.neighbours, task.robot, task.camera)
-    ]
-    tools = task.robot.tool_pose(approach(plan(scene, options=RULE)))[0]
-    off = [np.linalg.norm(tools[:, None] - way[None], axis=2).min(axis=1).max() for way in ways]
-    assert min(off) < 2.0 * PlanOptions().corridor
-
-
 @pytest.mark.parametrize("seed", HARMFUL)
 def test_the_arm_goes_the_way_that_was_chosen(seed: int) -> None:
     """In the corridor, as wide along each of three axes: as predicted, so done."""
@@ -217,15 +176,6 @@ def test_the_arm_goes_the_way_that_was_chosen(seed: int) -> None:
     tools = result.robot.tool_pose(approach(result))[0]
     off = np.linalg.norm(tools[:, None] - fine[None], axis=2).min(axis=1).max()
     assert off < np.sqrt(3.0) * PlanOptions().corridor
-
-
-@pytest.mark.parametrize("which", [("cluster", HARMFUL[1]), ("table-top", 2), ("shelf", 7)])
-def test_the_same_scene_gives_the_same_plan(which: Any) -> None:
-    one, other = (plan(generate(*which)) for _ in range(2))
-    assert same(one, other)
-    assert one.message == other.message
-    assert one.metrics == other.metrics
-    assert one.prediction == other.prediction
 
 
 @pytest.mark.parametrize("budget", [0.05, 0.3])
@@ -243,17 +193,3 @@ def test_the_timeout_holds_on_a_shelf(budget: float, monkeypatch: pytest.MonkeyP
         Code.TIMEOUT, Code.INVALID_PLAN, Code.HARM_PREDICTED,
     )  # fmt: skip
     assert result.trajectory.n_waypoints > 3
-
-
-def test_detected_fruits_are_searched_for_a_safer_path() -> None:
-    """What may hang otherwise than it was seen is judged on more states."""
-    scene = load_scene("scenario-3")
-    seen = replace(
-        scene,
-        objects=tuple(
-            o if o.stem is None else replace(o, covariance=0.005**2 * np.eye(3))
-            for o in scene.objects
-        ),
-    )
-    known, guessed = model_of(resolve(scene)), model_of(resolve(seen))
-    assert guessed.states > known.states

@@ -26,9 +26,9 @@ from optipromp_sim.simulation.parameters import ControlParameters
         (lambda: Paper(epsilom=0.1), "Paper has no setting 'epsilom'", "epsilon"),
         (lambda: ControlParameters(sped=1.0), "ControlParameters has no setting", "speed"),
         (lambda: replace(PlanOptions(), duratoin=4.0), "has no setting 'duratoin'", "duration"),
-        (lambda: Paper(constraints="papers"), "constraints is papers", "paper"),
-        (lambda: Paper(drift="lateral"), "drift is lateral", "lateral-plane"),
-        (lambda: Paper(strategy="jiont"), "strategy is jiont", "joint"),
+        (lambda: Paper(constraints="papers"), "constraints is 'papers'", "paper"),
+        (lambda: Paper(drift="lateral"), "drift is 'lateral'", "lateral-plane"),
+        (lambda: Paper(strategy="jiont"), "strategy is 'jiont'", "joint"),
         (lambda: plan("scenario-3", timeuot=4.0), "plan has no argument 'timeuot'", "timeout"),
         (lambda: plan("scenario-3", planer="promp"), "plan has no argument", "planner"),
         (lambda: plan_many(["scenario-3"], workrs=1), "plan_many has no argument", "workers"),
@@ -81,8 +81,6 @@ def test_settings_are_arguments_named_as_on_the_command_line() -> None:
     assert (both.trajectory.duration, both.risk) == (made.trajectory.duration, 0.2)
     (many,) = plan_many(["scenario-4"], duration=9.0, workers=1)
     assert many.trajectory.duration == pytest.approx(9.0)
-    with pytest.raises(InvalidRequestError, match="timeout is -1"):
-        plan("scenario-4", timeout=-1.0)
 
 
 def test_settings_are_still_values() -> None:

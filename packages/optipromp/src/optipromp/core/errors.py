@@ -74,8 +74,6 @@ class InvalidDemonstrationError(OptiPrompError):
 class InvalidRequestError(OptiPrompError):
     """An argument or option that is not allowed."""
 
-    code = Code.INVALID_REQUEST
-
 
 @contextmanager
 def others_code(what: str) -> Iterator[None]:

@@ -17,8 +17,6 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 
 FARTHER = 0.1  # [m] beyond its reach, where objects still concern the arm: a choice
-
-
 NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
 ANCHOR = 1e3  # [1/T⁴] weight of ∫‖δ‖² dt beside ∫‖δ̈‖² dt in the metric: a choice for slow bends
 
@@ -80,7 +78,6 @@ def surroundings_of(scene: Scene, robot: Robot) -> Surroundings:
     """The obstacles of a scene within the reach of a robot."""
     far = reach(robot) + FARTHER
     asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
-
     static, avoid, push = (
         scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
     )

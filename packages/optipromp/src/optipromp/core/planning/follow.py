@@ -363,9 +363,8 @@ def free_starts(
         corners = collision.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
         if corners is None:
             break
-        q = along_corners(
-            corners, options.waypoints or within_limits(way_count(corners, options) + 1)
-        )
+        count = options.waypoints or within_limits(way_count(corners, options) + 1)
+        q = along_corners(corners, count)
         yield Start(q, q, Waypoints(len(q), len(q) - 1), None)
     yield from deep
 
@@ -387,9 +386,8 @@ def led_round(
         most = WAYPOINT.most - (last - first)
         reach = max(int(min(way_count(corners, options), most)), WAYPOINT.fewest_reach)
     q = np.vstack([along_corners(corners, reach + 1, stop=False)[:-1], start.followed[first:]])
-    rows = np.concatenate(
-        [np.linspace(0, first, reach, endpoint=False), np.arange(first, last + 1)]
-    )
+    reached = np.linspace(0, first, reach, endpoint=False)
+    rows = np.concatenate([reached, np.arange(first, last + 1)])
     shown = np.stack([np.interp(rows, np.arange(last + 1), one) for one in start.primitive.T], 1)
     yield Start(shown, q, Waypoints(len(q), reach), start.path)
 

@@ -52,9 +52,8 @@ def find(task: Task, seed: int, starts: int = GOAL.starts) -> FloatArray:
         )
         order = np.argsort(-np.minimum(margin / ik.WIDE, room / ik.ROOMY), kind="stable")
         return _rolled_level(task, np.concatenate([one.joints for one in found])[order])
-    return _rolled_level(
-        task, _solved(task, task.goal.position, task.goal.axis, seed, starts).joints
-    )
+    solved = _solved(task, task.goal.position, task.goal.axis, seed, starts)
+    return _rolled_level(task, solved.joints)
 
 
 def _rolled_level(task: Task, q: FloatArray) -> FloatArray:

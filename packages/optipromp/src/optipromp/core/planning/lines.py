@@ -70,11 +70,9 @@ class StraightLine:
 
     def off(self, points: FloatArray) -> FloatArray:
         """Distances (m,) of points (m, 3) from the line [m]."""
-        edge = self.b.position - self.a.position
-        share = np.clip(
-            (points - self.a.position) @ edge / max(float(edge @ edge), 1e-18), 0.0, 1.0
-        )
-        return lengths(points - self.a.position - share[:, None] * edge)
+        edge, off = self.b.position - self.a.position, points - self.a.position
+        share = np.clip(off @ edge / max(float(edge @ edge), 1e-18), 0.0, 1.0)
+        return lengths(off - share[:, None] * edge)
 
 
 @dataclass(frozen=True, eq=False)

@@ -309,16 +309,8 @@ def _push_model(task: Task, goal: FloatArray) -> PushModel | None:
         return None
     models: list[PushModel] = []
     if stands(task):
-        rings = rings_of(task.robot)
-        models.append(
-            Standing(
-                scene,
-                tool,
-                wrist(task.robot, scene, task.goal.position, goal),
-                rings=rings,
-                risk=task.risk,
-            )
-        )
+        links, rings = wrist(task.robot, scene, task.goal.position, goal), rings_of(task.robot)
+        models.append(Standing(scene, tool, links, rings=rings, risk=task.risk))
     if hanging.applies(scene, tool, task.neighbours or task.underway.passed):
         radius, flange = task.robot.gripper_radius, flange_of(task.robot)
         models.append(Hanging(scene, tool, task.neighbours, task.camera, radius, flange, task.risk))

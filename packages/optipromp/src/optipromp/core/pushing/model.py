@@ -258,9 +258,8 @@ class Combined(Guided):
         return {k: f for model in self.models for k, f in model.forces(points, axes).items()}
 
     def pushing(self, points: FloatArray, axes: FloatArray) -> BoolArray:
-        return np.asarray(
-            np.logical_or.reduce([model.pushing(points, axes) for model in self.models])
-        )
+        pushed = [model.pushing(points, axes) for model in self.models]
+        return np.asarray(np.logical_or.reduce(pushed))
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
         """See :class:`PushModel`; for an object of several models, the last model counts."""
@@ -290,21 +289,13 @@ class Continued(Guided):
         axes = along(points, np.concatenate([self._axes, axes]), count)
         return evenly(points, count), axes
 
-    def _led(
-        self, points: FloatArray, axes: FloatArray
-    ) -> tuple[PushModel, FloatArray, FloatArray]:
-        """The model of the harm, and the whole motion."""
-        return self.lead, *self._whole(points, axes)
-
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        model, points, axes = self._led(points, axes)
-        return model.harm(points, axes, states, limit)
+        return self.lead.harm(*self._whole(points, axes), states, limit)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        model, points, axes = self._led(points, axes)
-        return model.cause(points, axes)
+        return self.lead.cause(*self._whole(points, axes))
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
         return self.lead.forces(*self._whole(points, axes))

@@ -443,17 +443,13 @@ def wrist(robot: Robot, scene: Scene, target: FloatArray, goal: FloatArray) -> l
     radius, link = np.asarray(robot.spheres.radius), np.asarray(robot.spheres.link)
     packs = [(obj.position - target) @ scene.frame[0] for obj in scene.pushables]
     tall = max(obj.radius for obj in scene.pushables)
-    level_with = (local[:, 0] + radius > min(packs) - tall) & (
-        local[:, 0] - radius < max(packs) + tall
-    )
+    low, high = min(packs) - tall, max(packs) + tall
+    level_with = (local[:, 0] + radius > low) & (local[:, 0] - radius < high)
     near = level_with & (local[:, 2] + radius > -AMONG) & (link < robot.n_own_links)
     out = []
     for one in np.unique(link[near]):
         mine = near & (link == one)
-        flat = local[mine][:, [2, 1]]
-        (u0, v0), (u1, v1) = (
-            (flat - radius[mine, None]).min(axis=0),
-            (flat + radius[mine, None]).max(axis=0),
-        )
+        flat, wide = local[mine][:, [2, 1]], radius[mine, None]
+        (u0, v0), (u1, v1) = (flat - wide).min(axis=0), (flat + wide).max(axis=0)
         out.append(np.array([[u0, v0], [u1, v0], [u1, v1], [u0, v1]]))
     return out

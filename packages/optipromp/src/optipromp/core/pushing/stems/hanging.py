@@ -367,10 +367,8 @@ class Hanging(PushModel):
             place = "between the blades" if self.cup.cut else "inside"
             return names[0], f"is not {place} at the end"
         on_fruit, on_stem = worst.on_fruits, worst.on_stems
-        if (
-            self._way.leaves == swinging.NEVER
-        ):  # the force on the target is a separate part of the harm
-            on_fruit[0] = 0.0
+        if self._way.leaves == swinging.NEVER:
+            on_fruit[0] = 0.0  # the force on the target is a separate part of the harm
         crushed = int(np.argmax(on_fruit))
         parts = (
             ("stem", int(np.argmax(on_stem)), "has its stem pressed by {:.1f} N"),
