@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
+from pydantic import BeforeValidator
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError, suggest
@@ -123,6 +124,10 @@ class ToolSpec:
         object.__setattr__(self, "parameters", hashable)
 
 
+def _as_text(path: Any) -> Any:
+    return str(path) if isinstance(path, Path) else path
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(Shown, Framed):
     """A scene: robot, objects, and a target or goal, in the frame of the robot's base.
@@ -157,7 +162,7 @@ class Scene(Shown, Framed):
     """
 
     name: Name
-    robot: str
+    robot: Annotated[str, BeforeValidator(_as_text)]
     objects: tuple[SceneObject, ...]
     tool: ToolSpec | None = None
     start: Annotated[FloatArray, Array(None)] | None = None
