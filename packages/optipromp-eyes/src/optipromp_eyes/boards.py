@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, installed_by, suggest
+from optipromp.core.errors import InvalidRequestError, suggest
+from optipromp_eyes.pictures import needed
 
 Pattern = Literal["chessboard", "charuco", "apriltag"]
 FEWEST = 4  # points of a board that tell its pose; a tag has four
@@ -136,10 +137,4 @@ def _flat(values: Any, columns: int) -> FloatArray:
 
 def opencv() -> Any:
     """OpenCV's module."""
-    try:
-        import cv2
-    except ImportError:
-        raise InvalidRequestError(
-            f"boards need OpenCV: {installed_by('optipromp-eyes[calibrate]')}"
-        ) from None
-    return cv2
+    return needed("cv2", "boards need OpenCV:", "optipromp-eyes[calibrate]")

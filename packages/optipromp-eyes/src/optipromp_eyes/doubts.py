@@ -70,9 +70,7 @@ def light_of(picture: DepthPicture, found: Found, p: EyeParameters) -> str:
     red, blue and grow light nothing does; where it is weak, leaves still do a little.
     """
     near = (picture.depth > 0.0) & (picture.depth < p.farthest)
-    for region in found.fruits:
-        if region.kind == "ripe":
-            near[region.box] &= ~region.part
+    near &= ~_ripe(found, near.shape)
     some = np.flatnonzero(near)
     some = some[:: max(len(some) // 20_000, 1)]
     rgb = picture.rgb.reshape(-1, 3)[some].astype(np.float32)
@@ -131,13 +129,14 @@ def told(doubted: Sequence[tuple[Region, str]], fruits: Sequence[Region]) -> lis
     return [f"{why}; no target: at {', '.join(at)}" for why, at in places.items()]
 
 
+def _ripe(found: Found, shape: tuple[int, ...]) -> BoolArray:
+    return Region.mask((region for region in found.regions if region.kind == "ripe"), shape)
+
+
 def _straight(found: Found, shape: tuple[int, ...]) -> BoolArray:
     """The pixels of ripe regions that lie together in a strip of one width, as a tape or tube:
     fruits side by side have necks."""
-    ripe = np.zeros(shape, dtype=bool)
-    for region in found.fruits:
-        if region.kind == "ripe":
-            ripe[region.box] |= region.part
+    ripe = _ripe(found, shape)
     islands, _ = ndimage.label(ndimage.binary_closing(ripe, np.ones((3, 3))))
     for number, box in enumerate(ndimage.find_objects(islands), 1):
         places = np.argwhere(islands[box] == number).astype(float)
@@ -156,7 +155,7 @@ def _straight(found: Found, shape: tuple[int, ...]) -> BoolArray:
 
 def _no_fruit(picture: DepthPicture, region: Region, p: EyeParameters) -> str:
     """Why a region is no ripe fruit; empty: it may be one."""
-    if region.kind != "ripe" or not region.part.any():
+    if not region.part.any():
         return ""
     hue, dye, bright = hsv(picture.rgb[region.box][region.part].astype(np.float32))
     told = dye[bright > p.least_bright]

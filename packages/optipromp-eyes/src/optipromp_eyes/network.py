@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import find_objects, gaussian_filter, label
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.errors import InvalidRequestError, installed_by
+from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
 from optipromp_eyes.boards import opencv
 from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
 from optipromp_eyes.parameters import EyeParameters
-from optipromp_eyes.pictures import MOST_SEEN, DepthPicture
+from optipromp_eyes.pictures import MOST_SEEN, DepthPicture, needed
 
 CLASSES = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
 FRUITS, STEMS = [CLASSES.index("ripe"), CLASSES.index("unripe")], [CLASSES.index("stem")]
@@ -105,12 +105,7 @@ class ByNetwork:
     def __init__(
         self, model: Path | str | None = None, seconds: float = SECONDS, radius: float = USUAL
     ) -> None:
-        try:
-            import onnxruntime  # type: ignore[import-untyped]
-        except ImportError:
-            raise InvalidRequestError(
-                f"the network needs {installed_by('optipromp-eyes[network]')}"
-            ) from None
+        onnxruntime = needed("onnxruntime", "the network needs", "optipromp-eyes[network]")
         self._file, self._seconds = str(model or "the network"), seconds
         self._scale = SEEN / radius  # [pixel/m]
         if model is None:
@@ -176,11 +171,10 @@ class ByNetwork:
     def find(self, picture: DepthPicture) -> Found:
         """See :class:`optipromp_eyes.finder.Finder`; refuses what the network of a file of
         your own says if it is no answer (InvalidRequestError)."""
-        focal = 0.5 * (picture.camera.fx + picture.camera.fy)
         most = min(LARGEST, math.sqrt(LARGEST * MOST_SEEN / picture.depth.size))
         depths = depths_seen(picture)
         factors, first = np.unique(
-            np.minimum(self._scale * depths / focal, most), return_index=True
+            np.minimum(self._scale * depths / picture.camera.focal, most), return_index=True
         )
         depths = depths[first]  # depths of one scale are seen once
         ends = np.sqrt(depths[1:] * depths[:-1])  # between two depths
@@ -198,8 +192,7 @@ class ByNetwork:
                 middle = float(np.median(far[far > 0.0])) if (far > 0.0).any() else depths[0]
                 if np.digitize(middle, ends) == row:
                     shown.append(region)
-        for region in shown:
-            stems[region.box] &= ~region.part
+        stems &= ~Region.mask(shown, stems.shape)
         shown.sort(key=lambda region: -region.score)
         return Found((*shown, *([Region("stem", stems, 1.0)] if stems.any() else [])), left_out)
 
@@ -219,7 +212,7 @@ class ByNetwork:
         rgb[: size[0], : size[1]] = opencv().resize(picture.rgb, size[::-1], interpolation=area)
         far = picture.depth.astype(np.float32)
         depth[: size[0], : size[1]] = far.take(rows, 0).take(columns, 1)
-        focal = 0.5 * (picture.camera.fx + picture.camera.fy) * factor
+        focal = picture.camera.focal * factor
         told = self._told(encoded(rgb, depth, focal * SCALE / self._scale))
         half = tuple(-(-side // FINE) for side in size)
         told = told[:, : half[0], : half[1]]

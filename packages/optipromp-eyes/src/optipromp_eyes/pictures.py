@@ -6,6 +6,7 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -102,6 +103,16 @@ class CameraModel:
         wide = min(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx
         high = min(self.cy + 0.5, self.height - 0.5 - self.cy) / self.fy
         return 2.0 * math.atan(max(min(wide, high), 1e-6))
+
+    @property
+    def focal(self) -> float:
+        """The mean focal length [pixel]."""
+        return 0.5 * (self.fx + self.fy)
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3) from directions (x, y, 1) to columns and rows (column, row, 1)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @cached_property
     def rays(self) -> FloatArray:
@@ -255,8 +266,7 @@ def taken(rgb: Image8, depth: FloatArray, camera: CameraModel) -> DepthPicture:
     from optipromp_eyes.boards import opencv
 
     cv = opencv()
-    matrix = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
-    bent, size = np.array(camera.distortion), (lens.width, lens.height)
+    matrix, bent, size = lens.matrix, np.array(camera.distortion), (lens.width, lens.height)
     across, down = cv.initUndistortRectifyMap(matrix, bent, None, matrix, size, cv.CV_32FC1)
     colours = cv.remap(picture.rgb, across, down, cv.INTER_LINEAR)
     return DepthPicture(
@@ -375,10 +385,12 @@ def png_file(pixels: NDArray[Any]) -> bytes:
 
 
 def _pillow() -> Any:
+    return needed("PIL.Image", "pictures need Pillow:", "optipromp-eyes")
+
+
+def needed(module: str, words: str, what: str) -> Any:
+    """A module that a package of ours or its extra brings; or else a refusal of these words."""
     try:
-        from PIL import Image
+        return import_module(module)
     except ImportError:
-        raise InvalidRequestError(
-            f"pictures need Pillow: {installed_by('optipromp-eyes')}"
-        ) from None
-    return Image
+        raise InvalidRequestError(f"{words} {installed_by(what)}") from None
