@@ -63,14 +63,13 @@ def balanced(picture: DepthPicture) -> DepthPicture:
     return replace(picture, rgb=np.rint(picture.rgb * gains).astype(np.uint8))
 
 
-def light_of(picture: DepthPicture, found: Found, p: EyeParameters) -> str:
-    """Why colours cannot be judged; empty: they can.
+def light_of(picture: DepthPicture, ripe: BoolArray, p: EyeParameters) -> str:
+    """Why colours cannot be judged; empty: they can. ``ripe``: (height, width) of such fruits.
 
     In white light much of what is near and no ripe fruit reflects green: stems, leaves, gutters. In
     red, blue and grow light nothing does; where it is weak, leaves still do a little.
     """
-    near = (picture.depth > 0.0) & (picture.depth < p.farthest)
-    near &= ~_ripe(found, near.shape)
+    near = (picture.depth > 0.0) & (picture.depth < p.farthest) & ~ripe
     some = np.flatnonzero(near)
     some = some[:: max(len(some) // 20_000, 1)]
     rgb = picture.rgb.reshape(-1, 3)[some].astype(np.float32)
@@ -102,10 +101,12 @@ def judged(
 
     ``by_colour``: whether the finder knows colours alone, so that skin and tape are looked for.
     """
-    light = light_of(picture, found, p)
+    fruits = (region for region in found.regions if region.kind == "ripe")
+    ripe = Region.mask(fruits, picture.depth.shape)
+    light = light_of(picture, ripe, p)
     if not (light or by_colour):
         return found, []
-    straight = _straight(found, picture.depth.shape)
+    straight = _straight(ripe)
     out, doubts = list[Region](), list[tuple[Region, str]]()
     for region in found.regions:
         why = ""
@@ -129,14 +130,10 @@ def told(doubted: Sequence[tuple[Region, str]], fruits: Sequence[Region]) -> lis
     return [f"{why}; no target: at {', '.join(at)}" for why, at in places.items()]
 
 
-def _ripe(found: Found, shape: tuple[int, ...]) -> BoolArray:
-    return Region.mask((region for region in found.regions if region.kind == "ripe"), shape)
-
-
-def _straight(found: Found, shape: tuple[int, ...]) -> BoolArray:
-    """The pixels of ripe regions that lie together in a strip of one width, as a tape or tube:
+def _straight(ripe: BoolArray) -> BoolArray:
+    """The pixels of ripe fruits that lie together in a strip of one width, as a tape or tube:
     fruits side by side have necks."""
-    ripe = _ripe(found, shape)
+    ripe = ripe.copy()
     islands, _ = ndimage.label(ndimage.binary_closing(ripe, np.ones((3, 3))))
     for number, box in enumerate(ndimage.find_objects(islands), 1):
         places = np.argwhere(islands[box] == number).astype(float)

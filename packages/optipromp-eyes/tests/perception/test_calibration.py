@@ -12,11 +12,10 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
+from tests.cli.asking import asked
 from tests.perception.drawn_boards import CAMERA, drawn, seen_as, views_from
-from typer.testing import CliRunner
 
 from optipromp import load_scene
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.hand import flange_of
@@ -243,20 +242,19 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
     return folder, camera
 
 
-def asked(folder: Path, out: Path, *more: object) -> Any:
-    words = (
+def shown(folder: Path, out: Path, *more: object) -> Any:
+    return asked(
         "calibrate", folder, "--poses", folder / "poses.json", "--camera", folder / "d435.json",
         "--known", "scenario-3", "--mount", "hand", "--side", "0.03", "--marker", "0.022",
         "--out", out, *more,
     )  # fmt: skip
-    return CliRunner().invoke(app, [str(word) for word in words])
 
 
 def test_the_command_writes_a_camera_that_see_takes(
     shots: tuple[Path, Pose], tmp_path: Path
 ) -> None:
     folder, truth = shots
-    done = asked(folder, tmp_path / "camera.json", "--json")
+    done = shown(folder, tmp_path / "camera.json", "--json")
     assert done.exit_code == 0, done.output
     told = json.loads(done.stdout)
     camera, _ = load_camera(tmp_path / "camera.json")
@@ -264,13 +262,13 @@ def test_the_command_writes_a_camera_that_see_takes(
     assert np.abs(camera.pose.position - truth.position).max() < 0.001
     assert len(told["views"]) == 9
     assert told["residual"]["pixel"] < 0.5
-    people = asked(folder, tmp_path / "camera.json").stdout
+    people = shown(folder, tmp_path / "camera.json").stdout
     assert "camera in the frame of the hand" in people
     rgb, depth = tmp_path / "a.png", tmp_path / "depth.npz"
     Image.fromarray(np.zeros((480, 640, 3), np.uint8)).save(rgb)
     np.savez(depth, depth=np.zeros((480, 640)))
     words = ("see", "--rgb", rgb, "--depth", depth, "--camera", tmp_path / "camera.json")
-    seen = CliRunner().invoke(app, [*map(str, words), "--out", str(tmp_path / "a.yaml")])
+    seen = asked(*words, "--out", tmp_path / "a.yaml")
     assert "no ripe fruit is seen" in seen.stdout  # the picture is black; the camera was taken
 
 
@@ -283,45 +281,45 @@ def test_a_view_with_a_wrong_pose_is_named_and_a_rough_fit_is_written_by_force_a
     for step, written in ((0.004, True), (0.03, False)):
         poses["4.png"]["joints"][0] += step  # [rad], of an arm that reaches half a metre
         (tmp_path / "poses.json").write_text(json.dumps(poses))
-        done = asked(folder, out, "--json", "--poses", tmp_path / "poses.json")
+        done = shown(folder, out, "--json", "--poses", tmp_path / "poses.json")
         assert "warning: 4.png leaves" in done.stderr
         told = json.loads(done.stdout)
         assert told["apart"][0] == "4.png"
         assert (done.exit_code, bool(told["file"]), out.exists()) == (not written, written, written)
         out.unlink(missing_ok=True)
-    said = asked(folder, out, "--poses", tmp_path / "poses.json").stdout
+    said = shown(folder, out, "--poses", tmp_path / "poses.json").stdout
     assert "pixels, must be 3 at most" in said
-    assert asked(folder, out, "--poses", tmp_path / "poses.json", "--force").exit_code == 0
+    assert shown(folder, out, "--poses", tmp_path / "poses.json", "--force").exit_code == 0
     assert out.exists()
 
 
 def test_the_command_says_what_to_do(shots: tuple[Path, Pose], tmp_path: Path) -> None:
     folder, _ = shots
     out = tmp_path / "camera.json"
-    wrong = asked(folder, out, "--size", "9x8", "--dictionary", "APRILTAG_36h11")
+    wrong = shown(folder, out, "--size", "9x8", "--dictionary", "APRILTAG_36h11")
     assert wrong.exit_code == 2
     assert "the board is in none of 9 pictures: compare --board" in wrong.stderr
-    assert "write it as 7x5" in asked(folder, out, "--size", "seven").stderr
-    named = asked(folder, out, "--dictionary", "5X5_10").stderr
+    assert "write it as 7x5" in shown(folder, out, "--size", "seven").stderr
+    named = shown(folder, out, "--dictionary", "5X5_10").stderr
     assert "5X5_100" in named
     blank = tmp_path / "blank"
     blank.mkdir()
     for name in ("poses.json", "d435.json", *(f"{k}.png" for k in range(9))):
         (blank / name).write_bytes((folder / name).read_bytes())
     cv2.imwrite(str(blank / "3.png"), np.full((480, 640), 99, np.uint8))
-    some = asked(blank, out)
+    some = shown(blank, out)
     assert some.exit_code == 0
     assert "warning: 3.png: the board was not found" in some.stderr
     (blank / "5.png").unlink()
-    assert "5.png: there is no such picture" in asked(blank, out).stderr
+    assert "5.png: there is no such picture" in shown(blank, out).stderr
     (blank / "poses.json").write_text('{"0.png": {"joints": [0, 1]}}')
-    assert "joints must be 7 numbers" in asked(blank, out).stderr
+    assert "joints must be 7 numbers" in shown(blank, out).stderr
     assert "the tool stand still" in asked_tool(blank, out, "--mount", "hand").stderr
 
 
 def asked_tool(folder: Path, out: Path, *more: object) -> Any:
     words = ("calibrate", "--tool", folder / "seen.json", "--camera", folder / "d435.json")
-    return CliRunner().invoke(app, [str(w) for w in (*words, "--out", out, *more)])
+    return asked(*words, "--out", out, *more)
 
 
 def test_the_command_takes_the_tool_that_was_seen(tmp_path: Path) -> None:
