@@ -3,14 +3,14 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, suggest
-from optipromp_eyes.pictures import needed
+from optipromp.core.errors import InvalidRequestError, installed_by, suggest
 
 Pattern = Literal["chessboard", "charuco", "apriltag"]
 FEWEST = 4  # points of a board that tell its pose; a tag has four
@@ -138,3 +138,11 @@ def _flat(values: Any, columns: int) -> FloatArray:
 def opencv() -> Any:
     """OpenCV's module."""
     return needed("cv2", "boards need OpenCV:", "optipromp-eyes[calibrate]")
+
+
+def needed(module: str, words: str, what: str) -> Any:
+    """A module that a package of ours or its extra brings; or else a refusal of these words."""
+    try:
+        return import_module(module)
+    except ImportError:
+        raise InvalidRequestError(f"{words} {installed_by(what)}") from None

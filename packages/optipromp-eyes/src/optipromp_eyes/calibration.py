@@ -396,9 +396,8 @@ def _told(
     apart = [camera.pose.inverse() @ one for one in each]
     shifts = np.array([one.position for one in each])
     turns = np.array([_vector(one)[:3] for one in apart])
-    scale = math.sqrt((len(each) - 1) / len(each))
-    sigma = scale * np.sqrt(((shifts - shifts.mean(axis=0)) ** 2).sum(axis=0))
-    turn = scale * math.sqrt(float(((turns - turns.mean(axis=0)) ** 2).sum()))
+    scale = math.sqrt(len(each) - 1)
+    sigma, turn = scale * shifts.std(axis=0), scale * math.hypot(*turns.std(axis=0))
     return HandEye(
         camera, tuple(residuals), sigma, math.degrees(turn),
         max(float(np.linalg.norm(one.position)) for one in apart),

@@ -22,10 +22,10 @@ from scipy.ndimage import find_objects, gaussian_filter, label
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
-from optipromp_eyes.boards import opencv
+from optipromp_eyes.boards import needed, opencv
 from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
 from optipromp_eyes.parameters import EyeParameters
-from optipromp_eyes.pictures import MOST_SEEN, DepthPicture, needed
+from optipromp_eyes.pictures import MOST_SEEN, DepthPicture
 
 CLASSES = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
 FRUITS, STEMS = [CLASSES.index("ripe"), CLASSES.index("unripe")], [CLASSES.index("stem")]
@@ -201,10 +201,7 @@ class ByNetwork:
         pixels, and how many fruits are left out."""
         shape = picture.depth.shape
         size = tuple(max(round(side * factor), 8) for side in shape)
-        rows, columns = (
-            ((np.arange(n) + 0.5) * side / n).astype(int)
-            for n, side in zip(size, shape, strict=True)
-        )
+        rows, columns = (each.astype(int) for each in _middles(size, shape))
         area = opencv().INTER_AREA if factor < 1.0 else opencv().INTER_LINEAR
         whole = tuple(-(-side // BLOCK) * BLOCK for side in size)
         rgb = np.full((*whole, 3), BLANK, dtype=np.uint8)
@@ -224,10 +221,7 @@ class ByNetwork:
         owner = grouped(sure, offsets)
         # the smooth edge of a fruit may lie next to it
         spread = np.where(owner > 0, owner, most_about(owner, 3))
-        rows, columns = (
-            ((np.arange(side) + 0.5) * n / (FINE * side)).astype(int)
-            for n, side in zip(size, shape, strict=True)
-        )
+        rows, columns = ((each / FINE).astype(int) for each in _middles(shape, size))
         full = np.where(fruit, spread.take(rows, 0).take(columns, 1), 0)
         regions = []
         boxes, sizes = find_objects(full), np.bincount(full.ravel())[1:]
@@ -274,14 +268,17 @@ def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
     return np.asarray(sum(sure[k] for k in kinds) - most)
 
 
+def _middles(counts: tuple[int, ...], lengths: tuple[int, ...]) -> Iterator[FloatArray]:
+    """The middles of the equal parts, so many, of each of some lengths."""
+    for count, length in zip(counts, lengths, strict=True):
+        yield (np.arange(count) + 0.5) * length / count
+
+
 def _wide(
     answers: Iterable[FloatArray], size: tuple[int, ...], shape: tuple[int, ...]
 ) -> Iterator[FloatArray]:
     """Answers (h, w) at the pixels of the picture, linear between their middles."""
-    rows, columns = (
-        ((np.arange(side) + 0.5) * n / (FINE * side) - 0.5).astype(np.float32)
-        for n, side in zip(size, shape, strict=True)
-    )
+    rows, columns = ((each / FINE - 0.5).astype(np.float32) for each in _middles(shape, size))
     across, down = np.meshgrid(columns, rows)
     cv = opencv()
     for values in answers:

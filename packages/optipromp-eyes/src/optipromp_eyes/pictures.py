@@ -6,7 +6,6 @@ import math
 import re
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -15,9 +14,10 @@ from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by, suggest
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, suggest
 from optipromp.core.files import read_bytes, read_npz
 from optipromp.core.scenes.pose import Pose
+from optipromp_eyes.boards import needed, opencv
 
 Image8 = NDArray[np.uint8]  # (height, width, 3)
 DEPTH_SCALE = 1e-4  # [m] of a step in a 16-bit picture of depth, as ours are written: a choice
@@ -263,8 +263,6 @@ def taken(rgb: Image8, depth: FloatArray, camera: CameraModel) -> DepthPicture:
     picture = DepthPicture(rgb, depth, lens)
     if not camera.distortion:
         return picture
-    from optipromp_eyes.boards import opencv
-
     cv = opencv()
     matrix, bent, size = lens.matrix, np.array(camera.distortion), (lens.width, lens.height)
     across, down = cv.initUndistortRectifyMap(matrix, bent, None, matrix, size, cv.CV_32FC1)
@@ -386,11 +384,3 @@ def png_file(pixels: NDArray[Any]) -> bytes:
 
 def _pillow() -> Any:
     return needed("PIL.Image", "pictures need Pillow:", "optipromp-eyes")
-
-
-def needed(module: str, words: str, what: str) -> Any:
-    """A module that a package of ours or its extra brings; or else a refusal of these words."""
-    try:
-        return import_module(module)
-    except ImportError:
-        raise InvalidRequestError(f"{words} {installed_by(what)}") from None

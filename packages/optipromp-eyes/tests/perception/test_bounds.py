@@ -16,6 +16,7 @@ from scipy.ndimage import gaussian_filter
 from tests.cli.asking import asked
 from tests.fuzzing import networks
 from tests.fuzzing.doors import camera_files, image, picture
+from tests.perception.shots import written
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz
@@ -32,7 +33,7 @@ from optipromp_eyes import (
 from optipromp_eyes.finder import MOST_FITS, MOST_REGIONS, largest
 from optipromp_eyes.geometry import is_wall
 from optipromp_eyes.network import LARGEST
-from optipromp_eyes.pictures import MOST_SEEN, taken
+from optipromp_eyes.pictures import ENDS, MOST_SEEN, taken
 
 
 def wall(height: int, width: int, far: float) -> DepthPicture:
@@ -222,8 +223,7 @@ def npy(array: np.ndarray) -> bytes:
 def test_pictures_are_refused_with_their_cause(
     name: str, content: bytes, told: str, tmp_path: Path
 ) -> None:
-    for file, own in (camera_files() | {name: content}).items():
-        (tmp_path / file).write_bytes(own)
+    (written(tmp_path, a=picture()) / name).write_bytes(content)
     depth = tmp_path / (name if name.startswith("d.") else "a.depth.png")
     with pytest.raises(InvalidRequestError, match=re.escape(told)) as refusal:
         load_picture(tmp_path / "a.rgb.png", depth, tmp_path / "a.camera.json")
@@ -261,9 +261,7 @@ def test_numbers_of_a_camera_that_no_camera_has(key: str, value: Any, told: str)
 def test_see_wants_the_place_of_the_camera(tmp_path: Path) -> None:
     document = json.loads(camera_files()["a.camera.json"])
     del document["position"], document["orientation"]
-    for name, content in camera_files().items():
-        (tmp_path / name).write_bytes(content)
-    (tmp_path / "a.camera.json").write_text(json.dumps(document))
+    (written(tmp_path, a=picture()) / "a.camera.json").write_text(json.dumps(document))
     done = asked("see", tmp_path)
     assert done.exit_code == 2
     assert "must have position and orientation" in done.output
@@ -307,11 +305,7 @@ def test_a_network_of_ones_own_is_taken_whatever_its_input_is_called(tmp_path: P
 
 @pytest.mark.parametrize("kind", ["d.npy", "d.npz", "d.tiff", "steps.npy"])
 def test_depths_of_floats_are_metres_and_nan_is_not_measured(kind: str, tmp_path: Path) -> None:
-    for file, own in camera_files().items():
-        (tmp_path / file).write_bytes(own)
-    right = load_picture(
-        *(tmp_path / f"a.{end}" for end in ("rgb.png", "depth.png", "camera.json"))
-    )
+    right = load_picture(*(written(tmp_path, a=picture()) / f"a{end}" for end in ENDS))
     depth = np.where(right.depth > 0.0, right.depth, np.nan).astype(np.float32)
     depth[:3] = np.array([np.inf, np.nan, -np.inf])[:, None]
     steps = np.rint(1e4 * right.depth).astype(np.uint16)

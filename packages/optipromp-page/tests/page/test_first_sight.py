@@ -4,9 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser")
-
 from tests.page.opened import PATIENCE, Opened
 
 from optipromp.core.scenes.io import load_scene

@@ -4,10 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser")
-pytest.importorskip("mujoco")
-
 from tests.page.opened import PATIENCE
 from tests.simulation.loops import swaying
 
