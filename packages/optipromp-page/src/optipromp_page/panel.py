@@ -85,7 +85,9 @@ class Panel(Listener):
         with group.add_tab("Move"):
             self.moving = MoveTab(self)
         with group.add_tab("Show"):
-            self.layers = {name: self._layer(name) for name in LAYERS}
+            self.layers = {k: self.gui.add_checkbox(k, window.stage.visible(k)) for k in LAYERS}
+            for name, box in self.layers.items():
+                self.on(box, name, functools.partial(self.layer, name))
         with group.add_tab("Plots"):
             self.plots = tabs.Plots(self.gui)
         with group.add_tab("Record"):
@@ -115,11 +117,6 @@ class Panel(Listener):
             act(value)
         except OptiPrompError as error:
             self.window.refuse(error)
-
-    def _layer(self, name: str) -> Any:
-        box = self.gui.add_checkbox(name, self.window.stage.visible(name))
-        self.on(box, name, functools.partial(self.layer, name))
-        return box
 
     def layer(self, name: str, shown: bool) -> None:
         """Show or hide a layer of the plan."""

@@ -141,7 +141,6 @@ def test_an_impossible_arrangement_says_why(opened: Opened) -> None:
 def test_a_plan_that_fails_is_red_at_what_it_touches(opened: Opened) -> None:
     window = opened.window
     opened.do(lambda: window.open(load_scene("scenario-1")))
-    opened.told("At the goal the arm would touch what it must not")
     table = window.scene.objects[[o.id for o in window.scene.objects].index("table-top")]
     assert np.allclose(node(opened, "message/text").position, table.position)
     opened.listed("target", "10.9 mm off", red=True)
