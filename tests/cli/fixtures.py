@@ -1,6 +1,8 @@
-"""A folder of a plan, made once."""
+"""Commands called in this process, and a folder of a plan, made once."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 from typer.testing import CliRunner
@@ -8,12 +10,24 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 
 
+def invoke(*words: object) -> Any:
+    return CliRunner().invoke(app, [*map(str, words)])
+
+
+def call(*words: object) -> tuple[int, str, str]:
+    """The exit code, and what is printed to standard output and to standard error."""
+    result = invoke(*words)
+    return result.exit_code, result.stdout, result.stderr
+
+
+def read(text: str) -> Any:
+    return json.loads(text, parse_constant=pytest.fail)
+
+
 @pytest.fixture(scope="session")
 def reach(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a reach in scenario-3, to read only."""
     out = tmp_path_factory.mktemp("plan") / "reach"
-    done = CliRunner().invoke(
-        app, ["plan", "scenario-3", "--reach", "--no-figures", "--out", str(out)]
-    )
+    done = invoke("plan", "scenario-3", "--reach", "--no-figures", "--out", out)
     assert done.exit_code == 0, done.stderr
     return out

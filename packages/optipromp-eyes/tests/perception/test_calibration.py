@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.spatial.transform import Rotation
-from tests.cli.asking import asked
+from tests.cli.fixtures import invoke
 from tests.perception.drawn_boards import CAMERA, drawn, seen_as, views_from
 
 from optipromp import load_scene
@@ -243,7 +243,7 @@ def shots(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Pose]:
 
 
 def shown(folder: Path, out: Path, *more: object) -> Any:
-    return asked(
+    return invoke(
         "calibrate", folder, "--poses", folder / "poses.json", "--camera", folder / "d435.json",
         "--known", "scenario-3", "--mount", "hand", "--side", "0.03", "--marker", "0.022",
         "--out", out, *more,
@@ -268,7 +268,7 @@ def test_the_command_writes_a_camera_that_see_takes(
     Image.fromarray(np.zeros((480, 640, 3), np.uint8)).save(rgb)
     np.savez(depth, depth=np.zeros((480, 640)))
     words = ("see", "--rgb", rgb, "--depth", depth, "--camera", tmp_path / "camera.json")
-    seen = asked(*words, "--out", tmp_path / "a.yaml")
+    seen = invoke(*words, "--out", tmp_path / "a.yaml")
     assert "no ripe fruit is seen" in seen.stdout  # the picture is black; the camera was taken
 
 
@@ -315,7 +315,7 @@ def test_the_command_says_what_to_do(shots: tuple[Path, Pose], tmp_path: Path) -
 
 def asked_tool(folder: Path, out: Path, *more: object) -> Any:
     words = ("calibrate", "--tool", folder / "seen.json", "--camera", folder / "d435.json")
-    return asked(*words, "--out", out, *more)
+    return invoke(*words, "--out", out, *more)
 
 
 def test_the_command_takes_the_tool_that_was_seen(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.asking import asked
+from tests.cli.fixtures import invoke
 from tests.perception.shots import SEED, written
 
 from optipromp import load_scene
@@ -121,7 +121,7 @@ def test_no_picture_is_refused() -> None:
 def test_see_writes_one_scene_of_a_folder(shots: list[Photograph], tmp_path: Path) -> None:
     written(tmp_path, a=shots[0].picture, b=shots[1].picture)
     save_scene(shots[0].scene, tmp_path / "a.yaml")
-    told = asked("see", tmp_path, "--together", "--json")
+    told = invoke("see", tmp_path, "--together", "--json")
     assert told.exit_code == 0, told.output
     record = json.loads(told.output)["together"]
     views = [fruit["views"] for fruit in record["fruits"]]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.cli.asking import asked
+from tests.cli.fixtures import invoke
 from tests.loaded import script
 from tests.perception.shots import shot_of, written
 
@@ -125,7 +125,7 @@ def test_the_shipped_network_finds_the_fruits_of_a_picture(shot: Photograph) -> 
 
 def test_see_takes_the_network(shot: Photograph, tmp_path: Path) -> None:
     save_scene(shot.scene, written(tmp_path, a=shot.picture) / "a.yaml")
-    done = asked("see", tmp_path, "--finder", "network", "--model", WEIGHTS[0], "--json")
+    done = invoke("see", tmp_path, "--finder", "network", "--model", WEIGHTS[0], "--json")
     assert done.exit_code == 0, done.output
     (record,) = json.loads(done.stdout)["pictures"]
     seen = load_scene(record["scene"])

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
-from tests.cli.asking import asked
+from tests.cli.fixtures import invoke
 from tests.perception.shots import written
 
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
@@ -24,7 +24,7 @@ def tomatoes(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def found(*words: object) -> int:
     """How many fruits ``see`` finds, in scenes or without one."""
-    done = asked("see", *words, "--json")
+    done = invoke("see", *words, "--json")
     assert done.exit_code in (0, 1), done.output
     return sum(len(each["fruits"]) for each in json.loads(done.stdout)["pictures"])
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from tests.cli.asking import asked
+from tests.cli.fixtures import invoke
 from tests.loaded import script
 from tests.perception.shots import SEED, shot_of, written
 
@@ -21,7 +21,7 @@ STUDY = script("studies/eyes")
 
 
 def run(*words: object) -> str:
-    done = asked(*words)
+    done = invoke(*words)
     assert done.exit_code == 0, done.output
     return done.stdout
 
@@ -158,7 +158,7 @@ def test_what_is_asked_wrongly_is_said(
     words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = asked(*words)
+    done = invoke(*words)
     assert done.exit_code == 2
     assert told in done.output
 
@@ -167,7 +167,7 @@ def test_see_tells_what_it_doubts(tmp_path: Path) -> None:
     shown = shot_of(SEED + 1).picture
     late = replace(shown, depth=np.roll(shown.depth, 18, 1))
     folder = written(tmp_path, late=late)
-    shown = [asked("see", folder, *more) for more in (["--json"], [])]
+    shown = [invoke("see", folder, *more) for more in (["--json"], [])]
     (record,) = json.loads(shown[0].stdout)["pictures"]
     assert any("not registered to the colours" in doubt for doubt in record["doubts"])
     assert "doubt: edges of depth lie" in " ".join(shown[1].stdout.split())
@@ -186,7 +186,7 @@ def test_depths_in_other_units_are_named_where_no_fruit_is_seen(
     np.savez(tmp_path / "a.npz", depth=factor * picture.depth)
     rgb, _, camera = (written(tmp_path, a=picture) / f"a{end}" for end in ENDS)
     words = ("see", "--rgb", rgb, "--depth", tmp_path / "a.npz", "--camera", camera, "--json")
-    done = asked(*words)
+    done = invoke(*words)
     (record,) = json.loads(done.stdout)["pictures"]
     assert done.exit_code == 1
     assert record["scene"] is None

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from click.testing import Result
-from tests.cli.asking import asked
+from tests.cli.fixtures import invoke
 from tests.perception.dyed import crop_of, marks_on, recall, shots_of
 from tests.perception.shots import written
 
@@ -40,15 +39,15 @@ def pictures_of(name: str) -> tuple[dict[str, Photograph], dict[str, Photograph]
     return dict(shots[:TAUGHT]), dict(shots[TAUGHT:])
 
 
-def taught(shots: Mapping[str, Photograph], marks: object, folder: Path, *more: object) -> Result:
+def taught(shots: Mapping[str, Photograph], marks: object, folder: Path, *more: object) -> Any:
     """What the command did that teaches by these pictures and marks."""
     written(folder, **{name: shot.picture for name, shot in shots.items()})
     (folder / "marks.json").write_text(json.dumps(marks))
     known, own = ("--known", "scenario-3"), ("--teach", folder / "marks.json")
-    return asked("see", folder, *known, *own, "--out", folder / "taught.yaml", *more)
+    return invoke("see", folder, *known, *own, "--out", folder / "taught.yaml", *more)
 
 
-def refusal(done: Result) -> str:
+def refusal(done: Any) -> str:
     assert done.exit_code == 2, done.output
     return " ".join(done.output.split())
 
