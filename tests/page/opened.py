@@ -63,6 +63,12 @@ class Opened:
         self.window.worker.post(f"test {time.monotonic()}", job)
         self.settle()
 
+    def drag(self, name: str, to: Any, phase: str = "end") -> None:
+        """Drag the handle of a thing to a point (3,) [m], and wait until all it causes is done."""
+        self.do(lambda: self.window.select(name))
+        self.window.handle.drag(to, phase, time.perf_counter())
+        self.settle()
+
     def listed(self, label: str, words: str, *, red: bool | None = None) -> None:
         """Wait until the table has such a row, red or not."""
         row = self.tab.locator("tr").filter(has_text=label).filter(has_text=words)

@@ -9,6 +9,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.pose import Pose
 from optipromp_eyes import CameraModel
 from optipromp_eyes.boards import Board
+from optipromp_eyes.calibration import BoardView
 
 CAMERA = CameraModel(640, 480, 500.0, 505.0, 318.0, 241.0)
 FINE = 4000.0  # [pixel/m] of the print
@@ -36,13 +37,30 @@ def drawn(board: Board, pose: Pose, camera: CameraModel = CAMERA) -> NDArray[np.
     sheet, start = printed(board)
     x, y = start + 0.5 / FINE  # the middle of the print's first pixel
     place = np.array([[1.0 / FINE, 0.0, x], [0.0, 1.0 / FINE, y], [0.0, 0.0, 1.0]])
-    lens = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1.0]])
-    shown = lens @ np.column_stack([pose.rotation[:, :2], pose.position]) @ place
+    shown = camera.matrix @ np.column_stack([pose.rotation[:, :2], pose.position]) @ place
     middle = 0.5 * (OVER - 1)
     large = np.array([[OVER, 0, middle], [0, OVER, middle], [0, 0, 1.0]]) @ shown
     size = camera.width, camera.height
     big = cv2.warpPerspective(sheet, large, [OVER * n for n in size], borderValue=120)
     return np.asarray(cv2.resize(big, size, interpolation=cv2.INTER_AREA))
+
+
+ACROSS, DOWN = np.meshgrid(np.arange(1, 7), np.arange(1, 5))
+CORNERS = 0.03 * np.column_stack([ACROSS.ravel(), DOWN.ravel(), np.zeros(24)])
+"""Places (24, 3) of corners on a board [m]."""
+
+
+def seen_as(
+    poses: list[Pose], hands: list[Pose], places: FloatArray = CORNERS, noise: float = 0.0,
+    seed: object = 0,
+) -> list[BoardView]:  # fmt: skip
+    """Views of a board by pixels that are computed, not drawn: fast. ``noise`` [pixel]."""
+    rng = np.random.default_rng(seed)
+    return [
+        BoardView(str(k), hand, places,
+                  CAMERA.pixels(pose @ places) + rng.normal(0.0, noise, (len(places), 2)))
+        for k, (pose, hand) in enumerate(zip(poses, hands, strict=True))
+    ]  # fmt: skip
 
 
 def views_from(count: int, seed: int, mount: str) -> tuple[Pose, list[Pose], list[Pose]]:

@@ -2,11 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 
 from optipromp.core.arrays import frame_along
 from optipromp_eyes import DepthPicture
+from optipromp_eyes.pictures import picture_files
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.photograph import Photograph, photograph
 
@@ -16,6 +18,14 @@ SEED = 60011
 @cache
 def shot_of(seed: int = SEED, looks: str = "plain") -> Photograph:
     return photograph(generate("cluster", seed), seed=seed, looks=looks)
+
+
+def written(folder: Path, **pictures: DepthPicture) -> Path:
+    """The folder, with pictures by name as ``render`` leaves them."""
+    for name, picture in pictures.items():
+        for file, content in picture_files(name, picture).items():
+            (folder / file).write_bytes(content)
+    return folder
 
 
 Dye = tuple[int, int, int]

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from importlib import import_module
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -136,10 +137,12 @@ def _flat(values: Any, columns: int) -> FloatArray:
 
 def opencv() -> Any:
     """OpenCV's module."""
+    return needed("cv2", "boards need OpenCV:", "optipromp-eyes[calibrate]")
+
+
+def needed(module: str, words: str, what: str) -> Any:
+    """A module that a package of ours or its extra brings; or else a refusal of these words."""
     try:
-        import cv2
+        return import_module(module)
     except ImportError:
-        raise InvalidRequestError(
-            f"boards need OpenCV: {installed_by('optipromp-eyes[calibrate]')}"
-        ) from None
-    return cv2
+        raise InvalidRequestError(f"{words} {installed_by(what)}") from None

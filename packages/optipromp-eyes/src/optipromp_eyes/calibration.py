@@ -144,29 +144,34 @@ def hand_eye(
 
     Raises:
         InvalidRequestError: too few views, or views between which the hand does not turn about two
-            axes; OpenCV is not installed.
+            axes; a camera with distortion; OpenCV is not installed.
     """
     p = parameters or CalibrationParameters()
     if len(views) < p.views:
         raise InvalidRequestError(
             f"the board is in {len(views)} pictures; must be in {p.views} at least: take 10 to 20"
         )
+    if camera.distortion:
+        raise InvalidRequestError(
+            "the camera file has a distortion: calibrate with pictures and numbers without it"
+        )
     for view in views:
         check_near(view.hand.position, f"{view.name}: the hand")
     _refuse_few_turns([view.hand for view in views], p)
+    camera = replace(camera, mount=mount)
     try:
-        found = _fitted(views, camera, mount, p)
+        found = _fitted(views, camera, p)
     except InvalidRequestError as fault:
-        reason = _reason(views, camera, mount, p)
+        reason = _reason(views, camera, p)
         raise InvalidRequestError(f"{fault.message}. {reason}") from None
     doubts, mended = [], found
     if intrinsics := _other_camera(views, camera, p):
         doubts.append(intrinsics[0])
-        mended = _fitted(views, intrinsics[1], mount, p)
+        mended = _fitted(views, intrinsics[1], p)
     near = mended.camera.pose, mended.board
-    if sides := _other_sides(views, _two_sides(views, mended.camera, mount, near), p):
+    if sides := _other_sides(views, _two_sides(views, mended.camera, near), p):
         doubts.append(sides[0])
-        mended = _fitted(sides[1], mended.camera, mount, p)
+        mended = _fitted(sides[1], mended.camera, p)
     # what the doubts move is a systematic error, which leaving out views does not show
     pose, other = found.camera.pose, mended.camera.pose
     sigma = np.hypot(found.sigma, other.position - pose.position)
@@ -174,17 +179,15 @@ def hand_eye(
     return _checked(replace(found, sigma=sigma, sigma_degree=turn, doubts=tuple(doubts)), p)
 
 
-def _fitted(
-    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
-) -> HandEye:
+def _fitted(views: Sequence[BoardView], camera: CameraModel, p: CalibrationParameters) -> HandEye:
     """The calibration without doubts; InvalidRequestError: no pose of the camera fits."""
-    moved, seen = _two_sides(views, camera, mount)
+    moved, seen = _two_sides(views, camera)
     x, z, _ = _linear(moved, seen)
     for _ in range(2):  # weights, and of two poses of a board the right one, come from the first
-        moved, seen = _two_sides(views, camera, mount, (x, z))
+        moved, seen = _two_sides(views, camera, (x, z))
         weights = []
         for view, g, b in zip(views, moved, seen, strict=True):
-            hand = (x.inverse() @ (Pose() if mount == "hand" else g)).position
+            hand = (x.inverse() @ (Pose() if camera.mount == "hand" else g)).position
             weights.append(_weight(view, b, hand, camera, p))
         x, z = _refined(x, z, moved, seen, weights)
     residuals, squares = [], []
@@ -196,15 +199,13 @@ def _fitted(
         away = float(np.linalg.norm(apart.position))
         residuals.append(Residual(view.name, pixel, away, _turned(apart)))
     _refuse_misfit(residuals, p)
-    each = []
-    for k in range(len(views)):
-        rest = [j for j in range(len(views)) if j != k]
-        part = [moved[j] for j in rest], [seen[j] for j in rest], [weights[j] for j in rest]
-        each.append(_refined(x, z, *part)[0])
+    data: tuple[list[Any], ...] = moved, seen, weights
+    parts = [[rows[:k] + rows[k + 1 :] for rows in data] for k in range(len(views))]
+    each = [_refined(x, z, *part)[0] for part in parts]
     own = max(math.sqrt(float(np.mean(squares))), p.pixel)
     worst = sorted(residuals, key=lambda one: -one.pixel)
     far = tuple(one.name for one in worst if one.pixel > p.apart * own)
-    found = _told(replace(camera, pose=x, mount=mount), residuals, each, z)
+    found = _told(replace(camera, pose=x), residuals, each, z)
     return replace(found, own=own, apart=far)
 
 
@@ -215,12 +216,11 @@ def _pixels_off(view: BoardView, board: Pose, camera: CameraModel) -> float:
 
 
 def _two_sides(
-    views: Sequence[BoardView], camera: CameraModel, mount: Mount,
-    near: tuple[Pose, Pose | None] | None = None,
-) -> tuple[list[Pose], list[Pose]]:  # fmt: skip
+    views: Sequence[BoardView], camera: CameraModel, near: tuple[Pose, Pose | None] | None = None
+) -> tuple[list[Pose], list[Pose]]:
     """What the arm tells of each view, G, and what the camera sees, B: by that view alone, or of
     two poses of a board the one near that by X and Z."""
-    moved = [view.hand.inverse() if mount == "hand" else view.hand for view in views]
+    moved = [view.hand.inverse() if camera.mount == "hand" else view.hand for view in views]
     guesses: list[Pose | None] = [None] * len(views)
     if near is not None and near[1] is not None:
         guesses = [near[0].inverse() @ g @ near[1] for g in moved]
@@ -275,9 +275,7 @@ MISTAKES: tuple[tuple[str, Callable[[list[BoardView]], list[BoardView]]], ...] =
 """Usual mistakes in poses, and the views without each. The last is taken back first."""
 
 
-def _reason(
-    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
-) -> str:
+def _reason(views: Sequence[BoardView], camera: CameraModel, p: CalibrationParameters) -> str:
     """What is probably wrong: the fewest usual mistakes without which the views fit."""
     for mistakes in (some for count in range(4) for some in combinations(MISTAKES, count)):
         words, right = [said for said, _ in mistakes], list(views)
@@ -285,12 +283,12 @@ def _reason(
             right = repair(right)
         if len(right) < max(p.views, len(views) - 1):  # poses are not late and early at once
             continue
-        if _fits(right, camera, mount, p):
+        if _fits(right, camera, p):
             return f"Probably {', and '.join(words)}"
-        sides = _other_sides(right, _two_sides(right, camera, mount), p)
-        if sides and _fits(sides[1], camera, mount, p):
+        sides = _other_sides(right, _two_sides(right, camera), p)
+        if sides and _fits(sides[1], camera, p):
             return f"Probably {', and '.join([*words, sides[0]])}"
-    if (intrinsics := _other_camera(views, camera, p)) and _fits(views, intrinsics[1], mount, p):
+    if (intrinsics := _other_camera(views, camera, p)) and _fits(views, intrinsics[1], p):
         return f"Probably {intrinsics[0]}"
     return (
         "Compare --poses with the pictures (their order and times, metres and radians, the hand in "
@@ -298,15 +296,13 @@ def _reason(
     )
 
 
-def _fits(
-    views: Sequence[BoardView], camera: CameraModel, mount: Mount, p: CalibrationParameters
-) -> bool:
+def _fits(views: Sequence[BoardView], camera: CameraModel, p: CalibrationParameters) -> bool:
     with suppress(np.linalg.LinAlgError, OptiPrompError, ValueError):  # a trial may make no sense
-        sides = _two_sides(views, camera, mount)
+        sides = _two_sides(views, camera)
         x, z, _ = _linear(*sides)
         off = [(g @ z).position - (x @ b).position for g, b in zip(*sides, strict=True)]
         if np.linalg.norm(off, axis=1).max() < ROUGH * p.most_place:
-            _fitted(views, camera, mount, p)
+            _fitted(views, camera, p)
             return True
     return False
 
@@ -337,7 +333,7 @@ def _other_camera(
     pixels = [view.pixels.astype(np.float32) for view in views]
     flags = cv.CALIB_USE_INTRINSIC_GUESS | cv.CALIB_FIX_ASPECT_RATIO | cv.CALIB_ZERO_TANGENT_DIST
     flags |= cv.CALIB_FIX_K1 | cv.CALIB_FIX_K2 | cv.CALIB_FIX_K3
-    stated, size = _matrix(camera), (camera.width, camera.height)
+    stated, size = camera.matrix, (camera.width, camera.height)
     try:
         _, found, _, _, _, deviation, *_ = cv.calibrateCameraExtended(
             places, pixels, size, stated.copy(), np.zeros(5), flags=flags
@@ -355,14 +351,6 @@ def _other_camera(
         f"the camera's intrinsics are wrong: fx, fy, cx, cy are {listed} by the board, and {told} "
         "in the camera file"
     ), replace(camera, fx=fx, fy=fy, cx=cx, cy=cy)
-
-
-def _matrix(camera: CameraModel) -> FloatArray:
-    if camera.distortion:
-        raise InvalidRequestError(
-            "the camera file has a distortion: calibrate with pictures and numbers without it"
-        )
-    return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
 
 
 def by_tool(
@@ -408,9 +396,8 @@ def _told(
     apart = [camera.pose.inverse() @ one for one in each]
     shifts = np.array([one.position for one in each])
     turns = np.array([_vector(one)[:3] for one in apart])
-    scale = math.sqrt((len(each) - 1) / len(each))
-    sigma = scale * np.sqrt(((shifts - shifts.mean(axis=0)) ** 2).sum(axis=0))
-    turn = scale * math.sqrt(float(((turns - turns.mean(axis=0)) ** 2).sum()))
+    scale = math.sqrt(len(each) - 1)
+    sigma, turn = scale * shifts.std(axis=0), scale * math.hypot(*turns.std(axis=0))
     return HandEye(
         camera, tuple(residuals), sigma, math.degrees(turn),
         max(float(np.linalg.norm(one.position)) for one in apart),
@@ -435,7 +422,7 @@ def _refuse_few_turns(hands: Sequence[Pose], p: CalibrationParameters) -> None:
 def _board_in(view: BoardView, camera: CameraModel, guess: Pose | None = None) -> Pose:
     """The board in the frame of the camera, by one view; of two solutions the one near a guess."""
     cv = opencv()
-    given = view.places, view.pixels, _matrix(camera), None
+    given = view.places, view.pixels, camera.matrix, None
     if guess is None:
         _, turn, shift = cv.solvePnP(*given, flags=cv.SOLVEPNP_IPPE)
     else:
@@ -453,17 +440,12 @@ def _weight(
     flat = np.zeros((len(arms), 2, 3))  # pixels over places
     flat[:, 0, 0], flat[:, 0, 2] = camera.fx / z, -camera.fx * x / z**2
     flat[:, 1, 1], flat[:, 1, 2] = camera.fy / z, -camera.fy * y / z**2
-    slope = np.concatenate([flat @ -_cross(arms), flat], axis=2).reshape(-1, 6)
-    turned = np.vstack([np.eye(3), -_cross(board.position - hand)])
+    slope = np.concatenate([np.cross(arms[:, None], flat), flat], axis=2).reshape(-1, 6)
+    turned = np.vstack([np.eye(3), np.cross(board.position - hand, np.eye(3))])
     arm = math.radians(p.angle) ** 2 * turned @ turned.T
     arm[3:, 3:] += p.place**2 * np.eye(3)
     covariance = p.pixel**2 * np.linalg.inv(slope.T @ slope) + arm
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
-
-
-def _cross(vectors: FloatArray) -> FloatArray:
-    """The matrices (..., 3, 3) by which vectors (..., 3) are crossed with another."""
-    return np.cross(vectors[..., None, :], np.eye(3)).swapaxes(-1, -2)
 
 
 def _linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose, float]:

@@ -63,16 +63,13 @@ def balanced(picture: DepthPicture) -> DepthPicture:
     return replace(picture, rgb=np.rint(picture.rgb * gains).astype(np.uint8))
 
 
-def light_of(picture: DepthPicture, found: Found, p: EyeParameters) -> str:
-    """Why colours cannot be judged; empty: they can.
+def light_of(picture: DepthPicture, ripe: BoolArray, p: EyeParameters) -> str:
+    """Why colours cannot be judged; empty: they can. ``ripe``: (height, width) of such fruits.
 
     In white light much of what is near and no ripe fruit reflects green: stems, leaves, gutters. In
     red, blue and grow light nothing does; where it is weak, leaves still do a little.
     """
-    near = (picture.depth > 0.0) & (picture.depth < p.farthest)
-    for region in found.fruits:
-        if region.kind == "ripe":
-            near[region.box] &= ~region.part
+    near = (picture.depth > 0.0) & (picture.depth < p.farthest) & ~ripe
     some = np.flatnonzero(near)
     some = some[:: max(len(some) // 20_000, 1)]
     rgb = picture.rgb.reshape(-1, 3)[some].astype(np.float32)
@@ -104,10 +101,12 @@ def judged(
 
     ``by_colour``: whether the finder knows colours alone, so that skin and tape are looked for.
     """
-    light = light_of(picture, found, p)
+    fruits = (region for region in found.regions if region.kind == "ripe")
+    ripe = Region.mask(fruits, picture.depth.shape)
+    light = light_of(picture, ripe, p)
     if not (light or by_colour):
         return found, []
-    straight = _straight(found, picture.depth.shape)
+    straight = _straight(ripe)
     out, doubts = list[Region](), list[tuple[Region, str]]()
     for region in found.regions:
         why = ""
@@ -131,13 +130,10 @@ def told(doubted: Sequence[tuple[Region, str]], fruits: Sequence[Region]) -> lis
     return [f"{why}; no target: at {', '.join(at)}" for why, at in places.items()]
 
 
-def _straight(found: Found, shape: tuple[int, ...]) -> BoolArray:
-    """The pixels of ripe regions that lie together in a strip of one width, as a tape or tube:
+def _straight(ripe: BoolArray) -> BoolArray:
+    """The pixels of ripe fruits that lie together in a strip of one width, as a tape or tube:
     fruits side by side have necks."""
-    ripe = np.zeros(shape, dtype=bool)
-    for region in found.fruits:
-        if region.kind == "ripe":
-            ripe[region.box] |= region.part
+    ripe = ripe.copy()
     islands, _ = ndimage.label(ndimage.binary_closing(ripe, np.ones((3, 3))))
     for number, box in enumerate(ndimage.find_objects(islands), 1):
         places = np.argwhere(islands[box] == number).astype(float)
@@ -156,7 +152,7 @@ def _straight(found: Found, shape: tuple[int, ...]) -> BoolArray:
 
 def _no_fruit(picture: DepthPicture, region: Region, p: EyeParameters) -> str:
     """Why a region is no ripe fruit; empty: it may be one."""
-    if region.kind != "ripe" or not region.part.any():
+    if not region.part.any():
         return ""
     hue, dye, bright = hsv(picture.rgb[region.box][region.part].astype(np.float32))
     told = dye[bright > p.least_bright]

@@ -72,11 +72,10 @@ def look_at(
     found = replace(found, left_out=found.left_out + left_out)
     good.sort(key=lambda pair: float(pair[1].center[0] / pair[1].center[2]))
     traces = _stem_points(picture, found, good, p)
-    focal = 0.5 * (picture.camera.fx + picture.camera.fy)
     counts = {"ripe": 0, "unripe": 0}
     detections, straight = [], []  # whether a fruit has a straight stem above it
     for region, fit in good:
-        wide = 0.006 * focal / fit.center[2]  # [pixel] of a stem: what errs as one
+        wide = 0.006 * picture.camera.focal / fit.center[2]  # [pixel] of a stem: what errs as one
         per = max(min(wide, 6.0), 1.0)
         stem = stem_of(fit, *traces[0], upward, p, per)
         straight.append(stem is not None and not stem.bent)
@@ -138,14 +137,13 @@ def _left(
     out = []
     for kind in ("ripe", "unripe"):
         left = (colours == KINDS[kind]) & (picture.depth > 0.0)
-        for region in fruits:
-            left[region.box] &= ~region.part
+        left &= ~Region.mask(fruits, left.shape)
         box = box_of(left, 0)
         left, depth = left[box], picture.depth[box]
         if not left.any():
             continue
-        focal = 0.5 * (picture.camera.fx + picture.camera.fy)
-        wide = round(0.6 * p.radius * focal / max(float(np.median(depth[left])), NEAREST))
+        middle = max(float(np.median(depth[left])), NEAREST)
+        wide = round(0.6 * p.radius * picture.camera.focal / middle)
         wide = 2 * min(wide, max(left.shape)) + 1
         dense = gaussian_filter(uniform_filter(left.astype(np.float32), wide), 2.0)
         peaks = (dense == most_about(dense, wide)) & (dense > DENSE) & left
@@ -172,12 +170,10 @@ def _stem_points(
     before what is beside it. Such a pixel is lent the depth of the nearest that has one, of a stem
     or a fruit.
     """
-    mask = np.zeros(picture.depth.shape, dtype=bool)
-    for region in found.regions:
-        if region.kind != "ripe":
-            mask[region.box] |= region.part
-    for region, _ in good:
-        mask[region.box] &= ~region.part
+    green = Region.mask(
+        (each for each in found.regions if each.kind != "ripe"), picture.depth.shape
+    )
+    mask = green & ~Region.mask((region for region, _ in good), green.shape)
     rows = np.argwhere(mask)
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_STEM_POINTS)).astype(int)]
     rays, depth = picture.camera.through(rows[:, ::-1]), picture.depth[*rows.T]
@@ -198,9 +194,8 @@ def _stem_points(
     known, far = np.concatenate(places), np.concatenate(depths)
     if not len(known) or sure.all():
         return (measured,)
-    focal = 0.5 * (picture.camera.fx + picture.camera.fy)
     away, nearest = cKDTree(known).query(rows[~sure])
-    depth[~sure] = np.where(away * far[nearest] < LENT * focal, far[nearest], 0.0)
+    depth[~sure] = np.where(away * far[nearest] < LENT * picture.camera.focal, far[nearest], 0.0)
     there = depth > 0.0
     lent = rays[there] * depth[there, None], np.where(sure[there], p.stem_depth, UNSURE)
     return measured, lent

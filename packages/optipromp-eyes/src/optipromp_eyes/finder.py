@@ -1,5 +1,6 @@
 """What is in a picture: regions with a class. The door of every finder."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
 
@@ -54,8 +55,14 @@ class Region:
     @property
     def pixels(self) -> BoolArray:
         """(height, width) whether a pixel shows it: a new array at each call."""
-        out = np.zeros(self.shape, dtype=bool)
-        out[self.box] = self.part
+        return Region.mask([self], self.shape)
+
+    @staticmethod
+    def mask(regions: "Iterable[Region]", shape: tuple[int, ...]) -> BoolArray:
+        """(height, width) whether a pixel of a picture of ``shape`` shows one of some regions."""
+        out = np.zeros(shape, dtype=bool)
+        for region in regions:
+            out[region.box] |= region.part
         return out
 
     def grown(self, margin: int) -> tuple[tuple[slice, slice], BoolArray]:

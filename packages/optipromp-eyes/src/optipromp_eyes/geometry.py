@@ -40,7 +40,7 @@ class ByGeometry:
 
     def find(self, picture: DepthPicture) -> Found:
         """The fruits of a picture, and one region of all its stems."""
-        p, camera = self.parameters, picture.camera
+        p = self.parameters
         near = (picture.depth > 0.0) & (picture.depth < p.farthest)
         box = box_of(near, HOLE)
         near = near[box]
@@ -50,14 +50,13 @@ class ByGeometry:
         colours[close] = coloured(rgb[close], p)
         ripe, green = colours == 1, colours == 2
         depth = _filled(np.where(near, picture.depth[box], 0.0), ripe | green)
-        focal = 0.5 * (camera.fx + camera.fy)
         stems = np.zeros(picture.depth.shape, dtype=bool)
         stems[box] = (colours >= 2) & near
         kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
         left_out = 0
         found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
         for kind, mask in kinds:
-            parts, left = self._parted(mask, depth, focal)
+            parts, left = self._parted(mask, depth, picture.camera.focal)
             found += [(kind, part, pixels) for part, pixels in parts]
             left_out += left
         regions = []

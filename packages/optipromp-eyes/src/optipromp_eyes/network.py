@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import find_objects, gaussian_filter, label
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.errors import InvalidRequestError, installed_by
+from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
-from optipromp_eyes.boards import opencv
+from optipromp_eyes.boards import needed, opencv
 from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import MOST_SEEN, DepthPicture
@@ -105,12 +105,7 @@ class ByNetwork:
     def __init__(
         self, model: Path | str | None = None, seconds: float = SECONDS, radius: float = USUAL
     ) -> None:
-        try:
-            import onnxruntime  # type: ignore[import-untyped]
-        except ImportError:
-            raise InvalidRequestError(
-                f"the network needs {installed_by('optipromp-eyes[network]')}"
-            ) from None
+        onnxruntime = needed("onnxruntime", "the network needs", "optipromp-eyes[network]")
         self._file, self._seconds = str(model or "the network"), seconds
         self._scale = SEEN / radius  # [pixel/m]
         if model is None:
@@ -176,11 +171,10 @@ class ByNetwork:
     def find(self, picture: DepthPicture) -> Found:
         """See :class:`optipromp_eyes.finder.Finder`; refuses what the network of a file of
         your own says if it is no answer (InvalidRequestError)."""
-        focal = 0.5 * (picture.camera.fx + picture.camera.fy)
         most = min(LARGEST, math.sqrt(LARGEST * MOST_SEEN / picture.depth.size))
         depths = depths_seen(picture)
         factors, first = np.unique(
-            np.minimum(self._scale * depths / focal, most), return_index=True
+            np.minimum(self._scale * depths / picture.camera.focal, most), return_index=True
         )
         depths = depths[first]  # depths of one scale are seen once
         ends = np.sqrt(depths[1:] * depths[:-1])  # between two depths
@@ -198,8 +192,7 @@ class ByNetwork:
                 middle = float(np.median(far[far > 0.0])) if (far > 0.0).any() else depths[0]
                 if np.digitize(middle, ends) == row:
                     shown.append(region)
-        for region in shown:
-            stems[region.box] &= ~region.part
+        stems &= ~Region.mask(shown, stems.shape)
         shown.sort(key=lambda region: -region.score)
         return Found((*shown, *([Region("stem", stems, 1.0)] if stems.any() else [])), left_out)
 
@@ -208,10 +201,7 @@ class ByNetwork:
         pixels, and how many fruits are left out."""
         shape = picture.depth.shape
         size = tuple(max(round(side * factor), 8) for side in shape)
-        rows, columns = (
-            ((np.arange(n) + 0.5) * side / n).astype(int)
-            for n, side in zip(size, shape, strict=True)
-        )
+        rows, columns = (each.astype(int) for each in _middles(size, shape))
         area = opencv().INTER_AREA if factor < 1.0 else opencv().INTER_LINEAR
         whole = tuple(-(-side // BLOCK) * BLOCK for side in size)
         rgb = np.full((*whole, 3), BLANK, dtype=np.uint8)
@@ -219,7 +209,7 @@ class ByNetwork:
         rgb[: size[0], : size[1]] = opencv().resize(picture.rgb, size[::-1], interpolation=area)
         far = picture.depth.astype(np.float32)
         depth[: size[0], : size[1]] = far.take(rows, 0).take(columns, 1)
-        focal = 0.5 * (picture.camera.fx + picture.camera.fy) * factor
+        focal = picture.camera.focal * factor
         told = self._told(encoded(rgb, depth, focal * SCALE / self._scale))
         half = tuple(-(-side // FINE) for side in size)
         told = told[:, : half[0], : half[1]]
@@ -231,10 +221,7 @@ class ByNetwork:
         owner = grouped(sure, offsets)
         # the smooth edge of a fruit may lie next to it
         spread = np.where(owner > 0, owner, most_about(owner, 3))
-        rows, columns = (
-            ((np.arange(side) + 0.5) * n / (FINE * side)).astype(int)
-            for n, side in zip(size, shape, strict=True)
-        )
+        rows, columns = ((each / FINE).astype(int) for each in _middles(shape, size))
         full = np.where(fruit, spread.take(rows, 0).take(columns, 1), 0)
         regions = []
         boxes, sizes = find_objects(full), np.bincount(full.ravel())[1:]
@@ -281,14 +268,17 @@ def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
     return np.asarray(sum(sure[k] for k in kinds) - most)
 
 
+def _middles(counts: tuple[int, ...], lengths: tuple[int, ...]) -> Iterator[FloatArray]:
+    """The middles of the equal parts, so many, of each of some lengths."""
+    for count, length in zip(counts, lengths, strict=True):
+        yield (np.arange(count) + 0.5) * length / count
+
+
 def _wide(
     answers: Iterable[FloatArray], size: tuple[int, ...], shape: tuple[int, ...]
 ) -> Iterator[FloatArray]:
     """Answers (h, w) at the pixels of the picture, linear between their middles."""
-    rows, columns = (
-        ((np.arange(side) + 0.5) * n / (FINE * side) - 0.5).astype(np.float32)
-        for n, side in zip(size, shape, strict=True)
-    )
+    rows, columns = ((each / FINE - 0.5).astype(np.float32) for each in _middles(shape, size))
     across, down = np.meshgrid(columns, rows)
     cv = opencv()
     for values in answers:

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.documents import read_document
-from optipromp.core.errors import InvalidRequestError, OptiPrompError, installed_by, suggest
+from optipromp.core.errors import InvalidRequestError, OptiPrompError, suggest
 from optipromp.core.files import read_bytes, read_npz
 from optipromp.core.scenes.pose import Pose
+from optipromp_eyes.boards import needed, opencv
 
 Image8 = NDArray[np.uint8]  # (height, width, 3)
 DEPTH_SCALE = 1e-4  # [m] of a step in a 16-bit picture of depth, as ours are written: a choice
@@ -102,6 +103,16 @@ class CameraModel:
         wide = min(self.cx + 0.5, self.width - 0.5 - self.cx) / self.fx
         high = min(self.cy + 0.5, self.height - 0.5 - self.cy) / self.fy
         return 2.0 * math.atan(max(min(wide, high), 1e-6))
+
+    @property
+    def focal(self) -> float:
+        """The mean focal length [pixel]."""
+        return 0.5 * (self.fx + self.fy)
+
+    @property
+    def matrix(self) -> FloatArray:
+        """(3, 3) from directions (x, y, 1) to columns and rows (column, row, 1)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
 
     @cached_property
     def rays(self) -> FloatArray:
@@ -252,11 +263,8 @@ def taken(rgb: Image8, depth: FloatArray, camera: CameraModel) -> DepthPicture:
     picture = DepthPicture(rgb, depth, lens)
     if not camera.distortion:
         return picture
-    from optipromp_eyes.boards import opencv
-
     cv = opencv()
-    matrix = np.array([[lens.fx, 0, lens.cx], [0, lens.fy, lens.cy], [0, 0, 1.0]])
-    bent, size = np.array(camera.distortion), (lens.width, lens.height)
+    matrix, bent, size = lens.matrix, np.array(camera.distortion), (lens.width, lens.height)
     across, down = cv.initUndistortRectifyMap(matrix, bent, None, matrix, size, cv.CV_32FC1)
     colours = cv.remap(picture.rgb, across, down, cv.INTER_LINEAR)
     return DepthPicture(
@@ -375,10 +383,4 @@ def png_file(pixels: NDArray[Any]) -> bytes:
 
 
 def _pillow() -> Any:
-    try:
-        from PIL import Image
-    except ImportError:
-        raise InvalidRequestError(
-            f"pictures need Pillow: {installed_by('optipromp-eyes')}"
-        ) from None
-    return Image
+    return needed("PIL.Image", "pictures need Pillow:", "optipromp-eyes")

@@ -187,7 +187,7 @@ def shown_of(
     p: EyeParameters,
 ) -> SpheroidViews:  # fmt: skip
     """Where spheroids (R, 7) are seen, hidden, or seen through."""
-    count, focal = len(x), 0.5 * (picture.camera.fx + picture.camera.fy)
+    count, focal = len(x), picture.camera.focal
     middle = picture.camera.pixels(x[:, :3])
     size = np.exp(x[:, 3] + np.maximum(x[:, 4], 0.0)) * focal / x[:, 2]  # [pixel]
     noise = p.depth_noise * x[:, 2] ** 2
@@ -227,7 +227,7 @@ def _outlines(
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Rays (R, K, 3) through the free outlines of spheroids (R, 7), and their weights (R, K)."""
     middle, size, slack = about
-    count, focal = len(size), 0.5 * (picture.camera.fx + picture.camera.fy)
+    count, focal = len(size), picture.camera.focal
     angle = np.arange(TURNS) * (2.0 * math.pi / TURNS)
     turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     tick = np.linspace(0.3, WIDE, TICKS)
@@ -277,8 +277,7 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     rows = np.argwhere(inside & (depth > 0.0))
     if len(rows) < 8:  # a choice: fewer tell no place
         return None
-    camera = picture.camera
-    focal = 0.5 * (camera.fx + camera.fy)
+    camera, focal = picture.camera, picture.camera.focal
     begin = np.array([box[0].start, box[1].start])
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), 2 * MOST_POINTS)).astype(int)]
     far = depth[rows[:, 0], rows[:, 1]]

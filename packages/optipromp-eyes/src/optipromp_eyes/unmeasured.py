@@ -15,7 +15,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frame_along
 from optipromp.core.geometry.shapes import Cone
 from optipromp.core.scenes.objects import SceneObject
 from optipromp_eyes.doubts import steepness
-from optipromp_eyes.finder import Found
+from optipromp_eyes.finder import Found, Region
 from optipromp_eyes.fusing import Sighting
 from optipromp_eyes.geometry import SQUARE, coloured, smooth
 from optipromp_eyes.parameters import EyeParameters
@@ -46,11 +46,8 @@ def unmeasured(
     ``fruits`` that were measured, and what a usual fruit would show from beyond ``p.farthest``.
     """
     depth = picture.depth[::EVERY, ::EVERY]
-    shown = np.zeros(picture.depth.shape, dtype=bool)
-    for region in found.fruits:
-        shown[region.box] |= region.part
     bounds = depth > 0.0
-    masks = [shown[::EVERY, ::EVERY] & ~bounds]
+    masks = [Region.mask(found.fruits, picture.depth.shape)[::EVERY, ::EVERY] & ~bounds]
     if by_colour and not bounds.all():
         rgb = smooth(picture.rgb[::EVERY, ::EVERY])
         bounds |= steepness(rgb) >= 8.0 * EDGE  # the sum of Sobel's weights
@@ -101,7 +98,7 @@ def _solid(
 ) -> tuple[Cone, FloatArray, FloatArray] | None:  # fmt: skip
     """Shape, place and orientation of where a fruit may be that shows a ``radius`` [pixel] at a
     ``place`` (column, row), ``behind`` it a depth [m], 0: none; None: it is none, or far."""
-    lens, focal = picture.camera, 0.5 * (picture.camera.fx + picture.camera.fy)
+    lens, focal = picture.camera, picture.camera.focal
     for fit in fruits:
         away = float(np.linalg.norm(lens.pixels(fit.center) - place))
         if away + radius < WIDER * focal * max(fit.radius, fit.half) / fit.center[2]:

@@ -1,22 +1,25 @@
 """Any picture, camera and network: an answer or a refusal, soon and in little memory."""
 
 import io
+import json
 import os
+import re
 import resource
 import struct
 import zlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 from scipy.ndimage import gaussian_filter
+from tests.cli.fixtures import invoke
 from tests.fuzzing import networks
-from tests.fuzzing.doors import camera_files, picture
-from typer.testing import CliRunner
+from tests.fuzzing.doors import camera_files, image, picture
+from tests.perception.shots import written
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.files import npz
 from optipromp_eyes import (
     ByGeometry,
     ByNetwork,
@@ -24,14 +27,13 @@ from optipromp_eyes import (
     DepthPicture,
     EyeParameters,
     Region,
-    load_camera,
     load_picture,
     look_at,
 )
 from optipromp_eyes.finder import MOST_FITS, MOST_REGIONS, largest
 from optipromp_eyes.geometry import is_wall
 from optipromp_eyes.network import LARGEST
-from optipromp_eyes.pictures import MOST_SEEN, taken
+from optipromp_eyes.pictures import ENDS, MOST_SEEN, taken
 
 
 def wall(height: int, width: int, far: float) -> DepthPicture:
@@ -191,14 +193,7 @@ def png(width: int, height: int, bits: int = 8, colours: int = 2) -> bytes:
     return b"\x89PNG\r\n\x1a\n" + parts
 
 
-def saved(mode: str, kind: str = "PNG") -> bytes:
-    Image.new(mode, (96, 72)).save(stream := io.BytesIO(), kind)
-    return stream.getvalue()
-
-
-def npz(array: np.ndarray) -> bytes:
-    np.savez(stream := io.BytesIO(), depth=array)
-    return stream.getvalue()
+BLACK = np.zeros((72, 96), np.uint8)
 
 
 def npy(array: np.ndarray) -> bytes:
@@ -212,30 +207,25 @@ def npy(array: np.ndarray) -> bytes:
         ("a.rgb.png", png(30_000, 30_000), "has 900000000 pixels; must have at most 16,000,000"),
         ("a.depth.png", png(30_000, 30_000, 16, 0), "at most 16,000,000"),
         ("a.rgb.png", png(4100, 4100), "has 4100 x 4100 pixels; must have at most 16,000,000"),
-        ("a.depth.png", saved("P"), "mode P; a picture of depth must have one channel of 16"),
-        ("a.depth.png", saved("L"), "mode L; a picture of depth"),
-        ("a.rgb.png", saved("P", "GIF"), "must be PNG, JPEG"),
+        ("a.rgb.png", image(BLACK[1:], "PNG"), "rgb has shape (71, 96, 3); the camera has 72 rows"),
+        ("a.depth.png", image(BLACK, "PNG", "P"), "mode P; a picture of depth must have"),
+        ("a.depth.png", image(BLACK, "PNG"), "mode L; a picture of depth"),
+        ("a.rgb.png", image(BLACK, "GIF", "P"), "must be PNG, JPEG"),
         ("d.npy", npy(np.full((72, 96), "x")), "is of <U1; must be numbers"),
         ("d.npy", npy(np.ones((72, 96)))[:200], "no NPY file of plain numbers"),
         ("d.npy", npy(np.array([{}])), "is of object; must be numbers"),
         ("d.npy", npy(np.ones((7, 9))), "depth has shape"),
-        ("d.npz", npz(np.full((72, 96), "x")), "is of <U1; must be numbers"),
-        ("d.npz", npz(np.full((72, 96), -1.0)), "-1 at row 0, column 0 and wrong at 6912"),
-        ("d.npz", npz(np.full((72, 96), 500.0)), "500 to 500 m: are they in millimetres"),
-        ("a.depth.png", None, "a device or pipe; must be a file"),
-        ("a.rgb.png", None, "a device or pipe; must be a file"),
+        ("d.npz", npz({"depth": np.full((72, 96), "x")}), "is of <U1; must be numbers"),
+        ("d.npz", npz({"depth": 0.0 * BLACK - 1.0}), "-1 at row 0, column 0 and wrong at 6912"),
+        ("d.npz", npz({"depth": BLACK + 500.0}), "500 to 500 m: are they in millimetres"),
     ],
 )  # fmt: skip
 def test_pictures_are_refused_with_their_cause(
-    name: str, content: bytes | None, told: str, tmp_path: Path
+    name: str, content: bytes, told: str, tmp_path: Path
 ) -> None:
-    for file, own in (camera_files() | ({} if content is None else {name: content})).items():
-        (tmp_path / file).write_bytes(own)
-    if content is None:
-        (tmp_path / name).unlink()
-        os.mkfifo(tmp_path / name)
+    (written(tmp_path, a=picture()) / name).write_bytes(content)
     depth = tmp_path / (name if name.startswith("d.") else "a.depth.png")
-    with pytest.raises(InvalidRequestError, match=told) as refusal:
+    with pytest.raises(InvalidRequestError, match=re.escape(told)) as refusal:
         load_picture(tmp_path / "a.rgb.png", depth, tmp_path / "a.camera.json")
     assert name in refusal.value.message
     assert "_io" not in refusal.value.message
@@ -248,32 +238,31 @@ def test_depths_that_are_next_to_nothing_show_no_fruit() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value"),
-    [("width", 10**400), ("fx", 10**400), ("fx", 1e300), ("fx", 1e-320), ("cx", -(10**400)),
-     ("cy", 1e300), ("depth_scale", 10**400), ("depth_scale", True), ("position", "abc"),
-     ("position", [10**400, 0, 0]), ("position", [{}, 0, 0]), ("orientation", [1, 0, 0, [0]]),
-     ("orientation", [10**400, 0, 0, 0])],
+    ("key", "value", "told"),
+    [("width", 10**400, "must be"), ("fx", 10**400, "must be"), ("fx", 1e300, "must be"),
+     ("fx", 1e-320, "must be"), ("fx", 0.0, "must be"), ("cx", -(10**400), "must be"),
+     ("cx", float("nan"), "must be"), ("cy", 1e300, "must be"), ("width", "wide", "must be"),
+     ("width", 640.5, "no whole number of pixels"), ("focal", 3.0, "valid are width, height"),
+     ("depth_scale", 10**400, "must be"), ("depth_scale", True, "must be"),
+     ("depth_scale", 1000, "must be"), ("position", "abc", "must be"),
+     ("position", [10**400, 0, 0], "must be"), ("position", [{}, 0, 0], "must be"),
+     ("position", [30.0, -530.0, 600.0], "801.1 m from .* beyond 10 m: millimetres?"),
+     ("orientation", [1, 0, 0, [0]], "must be"), ("orientation", [10**400, 0, 0, 0], "must be"),
+     ("orientation", [1.0, 1.0, 0.0, 0.0], "must be"), ("distortion", [1.0, 2.0], "2 numbers"),
+     ("distortion", "bent", "must be a list"), ("distortion", 3, "must be")],
 )  # fmt: skip
-def test_numbers_of_a_camera_that_no_camera_has(key: str, value: object, tmp_path: Path) -> None:
-    import json
-
-    document = json.loads(camera_files()["a.camera.json"]) | {key: value}
-    (tmp_path / "c.json").write_text(json.dumps(document))
-    with pytest.raises(InvalidRequestError, match=key) as refusal:
-        load_camera(tmp_path / "c.json")
-    assert "must be" in refusal.value.message
+def test_numbers_of_a_camera_that_no_camera_has(key: str, value: Any, told: str) -> None:
+    right = json.loads(camera_files()["a.camera.json"])
+    with pytest.raises(InvalidRequestError, match=f"{key}.*{told}") as refusal:
+        CameraModel.from_document(right | {key: value})
     assert len(refusal.value.message) < 300
 
 
 def test_see_wants_the_place_of_the_camera(tmp_path: Path) -> None:
-    import json
-
     document = json.loads(camera_files()["a.camera.json"])
     del document["position"], document["orientation"]
-    for name, content in camera_files().items():
-        (tmp_path / name).write_bytes(content)
-    (tmp_path / "a.camera.json").write_text(json.dumps(document))
-    done = CliRunner().invoke(app, ["see", str(tmp_path)])
+    (written(tmp_path, a=picture()) / "a.camera.json").write_text(json.dumps(document))
+    done = invoke("see", tmp_path)
     assert done.exit_code == 2
     assert "must have position and orientation" in done.output
 
@@ -314,30 +303,18 @@ def test_a_network_of_ones_own_is_taken_whatever_its_input_is_called(tmp_path: P
     assert all(region.pixels.shape == picture().depth.shape for region in found.regions)
 
 
-def test_a_pipe_is_no_network(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "n.onnx")
-    with pytest.raises(InvalidRequestError, match="a device or pipe"):
-        ByNetwork(tmp_path / "n.onnx")
-
-
-def tiff(array: np.ndarray) -> bytes:
-    Image.fromarray(array).save(stream := io.BytesIO(), "TIFF")
-    return stream.getvalue()
-
-
 @pytest.mark.parametrize("kind", ["d.npy", "d.npz", "d.tiff", "steps.npy"])
 def test_depths_of_floats_are_metres_and_nan_is_not_measured(kind: str, tmp_path: Path) -> None:
-    for file, own in camera_files().items():
-        (tmp_path / file).write_bytes(own)
-    right = load_picture(
-        *(tmp_path / f"a.{end}" for end in ("rgb.png", "depth.png", "camera.json"))
-    )
+    right = load_picture(*(written(tmp_path, a=picture()) / f"a{end}" for end in ENDS))
     depth = np.where(right.depth > 0.0, right.depth, np.nan).astype(np.float32)
     depth[:3] = np.array([np.inf, np.nan, -np.inf])[:, None]
     steps = np.rint(1e4 * right.depth).astype(np.uint16)
     steps[:3] = 0
-    made = {"d.npy": npy, "d.npz": npz, "d.tiff": tiff}.get(kind, lambda _: npy(steps))(depth)
-    (tmp_path / kind).write_bytes(made)
+    made = {
+        "d.npy": npy(depth), "d.npz": npz({"depth": depth}), "d.tiff": image(depth, "TIFF"),
+        "steps.npy": npy(steps),
+    }  # fmt: skip
+    (tmp_path / kind).write_bytes(made[kind])
     read = load_picture(tmp_path / "a.rgb.png", tmp_path / kind, tmp_path / "a.camera.json")
     assert (read.depth[:3] == 0.0).all()
     assert read.depth[3:] == pytest.approx(right.depth[3:], abs=1e-6)
@@ -363,6 +340,3 @@ def test_the_distortion_of_a_camera_file_is_undone(tmp_path: Path) -> None:
     assert again.distortion == lens.distortion
     with pytest.raises(InvalidRequestError, match="has a distortion"):
         DepthPicture(rgb, depth, lens)
-    for wrong, told in (([1.0, 2.0], "has 2 numbers"), ("bent", "distortion must be"), (3, "must")):
-        with pytest.raises(InvalidRequestError, match=told):
-            CameraModel.from_document({**lens.document(), "distortion": wrong})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from tests.perception.shots import shot_of, with_flower
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.scenes.pose import Pose
 from optipromp_bench.experiments.eyes import paired
 from optipromp_eyes import (
@@ -57,22 +57,17 @@ def ball(colour: tuple[int, int, int], across: float = 0.0, radius: float = 0.01
     return np.array([across, 0.0, 0.4]), np.full(3, radius), colour
 
 
+def believed(mask: BoolArray) -> ByDetector:
+    """A detector that says there is a ripe fruit."""
+    return ByDetector(lambda rgb: [Detected("ripe", 0.9, mask=mask)])
+
+
 def kinds(sight: Sighting) -> list[str]:
     return [each.region.kind for each in sight.detections]
 
 
 def words(sight: Sighting) -> str:
     return "; ".join(sight.doubts)
-
-
-def test_a_ripe_fruit_in_white_light_is_a_target_without_doubts_of_its_colour() -> None:
-    sight = look_at(still(ball(RIPE)), up=UP)
-    assert kinds(sight) == ["ripe"]
-    assert "target" not in words(sight)
-
-
-def test_a_small_knuckle_is_no_target() -> None:
-    assert "ripe" not in kinds(look_at(still(ball(SKIN, radius=0.011)), up=UP))
 
 
 @pytest.mark.parametrize("radius", [0.014, 0.017, 0.024])
@@ -87,29 +82,24 @@ def test_skin_is_no_target_and_is_told(radius: float) -> None:
 def test_a_detector_of_ones_own_is_believed_in_white_light() -> None:
     """It may know more than colours: a pale fruit has the colour of skin."""
     disc = np.hypot(*(np.indices((240, 320)) - [[[119.5]], [[159.5]]])) < 12
-    finder = ByDetector(lambda rgb: [Detected("ripe", 0.9, mask=disc)])
-    sight = look_at(still(ball(SKIN)), up=UP, finder=finder)
+    sight = look_at(still(ball(SKIN)), up=UP, finder=believed(disc))
     assert kinds(sight) == ["ripe"]
 
 
-def test_a_red_tube_and_a_red_tape_are_no_targets() -> None:
-    tube = np.array([0.0, 0.0, 0.4]), np.array([0.012, 5.0, 0.012]), RIPE
-    tape = np.array([0.0, 0.0, 0.4]), np.array([0.012, 0.02, 0.0004]), RIPE
-    for thing in (tube, tape):
+def test_a_red_tube_a_red_tape_a_small_knuckle_and_an_arm_are_no_targets() -> None:
+    at = np.array([0.0, 0.0, 0.4])
+    tube, tape = np.array([0.012, 5.0, 0.012]), np.array([0.012, 0.02, 0.0004])
+    for thing in ((at, tube, RIPE), (at, tape, RIPE), ball(SKIN, radius=0.011)):
         assert "ripe" not in kinds(look_at(still(thing), up=UP))
-
-
-def test_an_arm_is_larger_than_a_fruit() -> None:
-    arm = np.array([0.0, 0.0, 0.4]), np.array([5.0, 0.04, 0.04]), SKIN
+    arm = at, np.array([5.0, 0.04, 0.04]), SKIN
     assert look_at(still(arm), up=UP).detections == ()
 
 
 @pytest.mark.parametrize("light", [RED, GROW, (0.25, 0.3, 1.0)])
 def test_where_nothing_reflects_green_no_fruit_is_ripe(light: tuple[float, ...]) -> None:
     disc = np.hypot(*(np.indices((240, 320)) - [[[119.5]], [[159.5]]])) < 11
-    finder = ByDetector(lambda rgb: [Detected("ripe", 0.9, mask=disc)])
     for colour in (GREEN, RIPE):
-        sight = look_at(still(ball(colour), light=np.array(light)), up=UP, finder=finder)
+        sight = look_at(still(ball(colour), light=np.array(light)), up=UP, finder=believed(disc))
         assert kinds(sight) == ["unripe"]
         assert "red, blue or grow light?" in words(sight)
 
@@ -117,9 +107,7 @@ def test_where_nothing_reflects_green_no_fruit_is_ripe(light: tuple[float, ...])
 def test_in_a_grey_picture_no_fruit_is_ripe() -> None:
     shown = still(ball(RIPE))
     grey = np.repeat(shown.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
-    disc = shown.depth < 0.5
-    finder = ByDetector(lambda rgb: [Detected("ripe", 0.9, mask=disc)])
-    sight = look_at(replace(shown, rgb=grey), up=UP, finder=finder)
+    sight = look_at(replace(shown, rgb=grey), up=UP, finder=believed(shown.depth < 0.5))
     assert kinds(sight) == ["unripe"]
     assert "the picture is grey" in words(sight)
 
@@ -137,7 +125,6 @@ def test_the_light_of_a_lamp_is_undone() -> None:
 def test_a_red_wall_behind_is_no_lamp() -> None:
     shown = still(ball(RIPE))
     rgb = np.where((shown.depth > 0.5)[..., None], np.uint8([190, 60, 50]), shown.rgb)
-    assert balanced(replace(shown, rgb=rgb)) is not None
     assert (balanced(replace(shown, rgb=rgb)).rgb == rgb).all()
 
 
@@ -204,13 +191,9 @@ def test_depth_out_of_register_is_told_with_its_shift(shift: tuple[int, int]) ->
     assert doubt in look_at(moved, up=UP).doubts
 
 
-def test_a_good_picture_leaves_no_doubt() -> None:
-    shot = shot_of()
-    assert look_at(shot.picture, up=shot.scene.up).doubts == ()
-
-
 def test_a_camera_without_a_pose_and_an_axis_beside_the_picture_are_told() -> None:
     sight = look_at(still(ball(RIPE)), up=UP)
+    assert kinds(sight) == ["ripe"]
     assert sight.doubts == ("the camera has no pose: places are in its own frame, with z forward",)
     shown = still(ball(RIPE))
     other = replace(LENS, cx=320.0, cy=180.0, pose=Pose(np.ones(3), np.array([1.0, 0.0, 0.0, 0.0])))

@@ -6,17 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.perception.shots import SEED
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
+from tests.perception.shots import SEED, written
 
 from optipromp import load_scene
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import save_scene
 from optipromp_bench.experiments.eyes import middle
 from optipromp_eyes import Sighting, fused, look_at, seen_scene
 from optipromp_eyes.finder import Region
-from optipromp_eyes.pictures import picture_files
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.photograph import Photograph, photograph
 
@@ -121,11 +119,9 @@ def test_no_picture_is_refused() -> None:
 
 
 def test_see_writes_one_scene_of_a_folder(shots: list[Photograph], tmp_path: Path) -> None:
-    for name, shot in zip("ab", shots, strict=False):
-        for file, content in picture_files(name, shot.picture).items():
-            (tmp_path / file).write_bytes(content)
+    written(tmp_path, a=shots[0].picture, b=shots[1].picture)
     save_scene(shots[0].scene, tmp_path / "a.yaml")
-    told = CliRunner().invoke(app, ["see", str(tmp_path), "--together", "--json"])
+    told = invoke("see", tmp_path, "--together", "--json")
     assert told.exit_code == 0, told.output
     record = json.loads(told.output)["together"]
     views = [fruit["views"] for fruit in record["fruits"]]

@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cli.fixtures import invoke
 from tests.loaded import script
-from tests.perception.shots import shot_of
-from typer.testing import CliRunner
+from tests.perception.shots import shot_of, written
 
 from optipromp import load_scene
-from optipromp.cli.main import app
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.io import save_scene
 from optipromp_eyes import ByNetwork
 from optipromp_eyes.network import CLASSES, SCALE, depths_seen, encoded, grouped
-from optipromp_eyes.pictures import picture_files
 from optipromp_sim.simulation.photograph import Photograph
 
 STUDY = script("studies/eyes")
@@ -127,11 +124,8 @@ def test_the_shipped_network_finds_the_fruits_of_a_picture(shot: Photograph) -> 
 
 
 def test_see_takes_the_network(shot: Photograph, tmp_path: Path) -> None:
-    for name, content in picture_files("a", shot.picture).items():
-        (tmp_path / name).write_bytes(content)
-    save_scene(shot.scene, tmp_path / "a.yaml")
-    words = ["see", str(tmp_path), "--finder", "network", "--model", str(WEIGHTS[0]), "--json"]
-    done = CliRunner().invoke(app, words)
+    save_scene(shot.scene, written(tmp_path, a=shot.picture) / "a.yaml")
+    done = invoke("see", tmp_path, "--finder", "network", "--model", WEIGHTS[0], "--json")
     assert done.exit_code == 0, done.output
     (record,) = json.loads(done.stdout)["pictures"]
     seen = load_scene(record["scene"])
@@ -188,8 +182,3 @@ def test_a_picture_of_nothing_has_no_fruits(shot: Photograph) -> None:
         depth=np.zeros_like(shot.picture.depth),
     )  # fmt: skip
     assert ByNetwork().find(bare).fruits == ()
-
-
-def test_a_network_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InvalidRequestError, match=r"none\.onnx: cannot be read"):
-        ByNetwork(tmp_path / "none.onnx")

@@ -4,43 +4,27 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
+from tests.perception.shots import written
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.scenes.crops import crop_names, crop_to_dict, load_crop
 from optipromp_eyes import EyeParameters, eyes_of
-from optipromp_eyes.pictures import picture_files
 from optipromp_sim.generate import generate
-from optipromp_sim.simulation.photograph import Photograph, photograph
-
-
-def run(*words: object) -> str:
-    done = CliRunner().invoke(app, [str(word) for word in words])
-    assert done.exit_code == 0, done.output
-    return done.stdout
-
-
-def write(shots: dict[str, Photograph], folder: Path) -> Path:
-    for name, shot in shots.items():
-        for file, content in picture_files(name, shot.picture).items():
-            (folder / file).write_bytes(content)
-    return folder
+from optipromp_sim.simulation.photograph import photograph
 
 
 @pytest.fixture(scope="module")
 def tomatoes(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Pictures of tomatoes that are 47 to 76 mm wide."""
-    scenes = {
-        f"t{seed}": generate("cluster", seed, crop=load_crop("tomato")) for seed in (300, 303)
-    }
-    shots = {name: photograph(scene, seed=300) for name, scene in scenes.items()}
-    return write(shots, tmp_path_factory.mktemp("tomatoes"))
+    scenes = (generate("cluster", seed, crop=load_crop("tomato")) for seed in (300, 303))
+    a, b = (photograph(scene, seed=300).picture for scene in scenes)
+    return written(tmp_path_factory.mktemp("tomatoes"), a=a, b=b)
 
 
 def found(*words: object) -> int:
     """How many fruits ``see`` finds, in scenes or without one."""
-    done = CliRunner().invoke(app, ["see", *map(str, words), "--json"])
+    done = invoke("see", *words, "--json")
     assert done.exit_code in (0, 1), done.output
     return sum(len(each["fruits"]) for each in json.loads(done.stdout)["pictures"])
 

@@ -7,15 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from tests.cli.fixtures import invoke
 from tests.loaded import script
-from tests.perception.shots import SEED, shot_of
-from typer.testing import CliRunner
+from tests.perception.shots import SEED, shot_of, written
 
 from optipromp import load_scene
-from optipromp.cli.main import app
-from optipromp.core.errors import InvalidRequestError
-from optipromp_eyes import CameraModel, DepthPicture, look_at, seen_scene
-from optipromp_eyes.pictures import load_picture, picture_files
+from optipromp_eyes import look_at, seen_scene
+from optipromp_eyes.pictures import ENDS, load_picture
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.photograph import Photograph, StereoParameters, photograph, sensed
 
@@ -23,7 +21,7 @@ STUDY = script("studies/eyes")
 
 
 def run(*words: object) -> str:
-    done = CliRunner().invoke(app, [str(word) for word in words])
+    done = invoke(*words)
     assert done.exit_code == 0, done.output
     return done.stdout
 
@@ -73,9 +71,7 @@ def test_what_is_seen_is_of_the_crop_that_is_named(pictures: Path, tmp_path: Pat
 def test_files_of_one_picture_give_the_scene_of_the_folder(pictures: Path, tmp_path: Path) -> None:
     name = pictures / f"cluster-{SEED}"
     run("see", pictures, "--out", tmp_path)
-    picture = load_picture(
-        Path(f"{name}.rgb.png"), Path(f"{name}.depth.png"), Path(f"{name}.camera.json")
-    )
+    picture = load_picture(*(Path(f"{name}{end}") for end in ENDS))
     np.savez(tmp_path / "depth.npz", depth=picture.depth)
     run(
         "see", "--rgb", f"{name}.rgb.png", "--depth", tmp_path / "depth.npz", "--camera",
@@ -121,7 +117,6 @@ def test_a_palm_camera_sees_what_is_below_the_target() -> None:
 
 
 def test_an_unseen_stem_is_upright_and_said(shot: Photograph) -> None:
-
     sight = look_at(shot.picture, up=shot.scene.up)
     bare = tuple(replace(item, stem=None) for item in sight.look.detections)
     sight = replace(sight, look=replace(sight.look, detections=bare))
@@ -145,34 +140,10 @@ def test_stereo_errors_are_as_large_as_said() -> None:
 
 
 def test_pictures_round_trip(shot: Photograph, tmp_path: Path) -> None:
-    for name, content in picture_files("a", shot.picture).items():
-        (tmp_path / name).write_bytes(content)
-    read = load_picture(*(tmp_path / f"a{end}" for end in (".rgb.png", ".depth.png",
-                                                           ".camera.json")))  # fmt: skip
+    read = load_picture(*(written(tmp_path, a=shot.picture) / f"a{end}" for end in ENDS))
     assert (read.rgb == shot.picture.rgb).all()
     assert np.abs(read.depth - shot.picture.depth).max() <= 0.5e-4 + 1e-12
     assert read.camera.pose.position == pytest.approx(shot.picture.camera.pose.position)
-
-
-@pytest.mark.parametrize(
-    ("change", "told"),
-    [({"fx": 0.0}, "fx"), ({"width": "wide"}, "width"), ({"focal": 3.0}, "focal"),
-     ({"orientation": [1.0, 1.0, 0.0, 0.0]}, "orientation"), ({"depth_scale": 1000}, "depth_scale"),
-     ({"cx": float("nan")}, "cx"), ({"width": 640.5}, "width"),
-     ({"position": [30.0, -530.0, 600.0]}, "801.1 m from .* beyond 10 m: millimetres?")],
-)  # fmt: skip
-def test_a_wrong_camera_is_refused_by_its_field(change: dict[str, object], told: str) -> None:
-    right = {"width": 640, "height": 480, "fx": 480.0, "fy": 480.0, "cx": 319.5, "cy": 239.5}
-    CameraModel.from_document(right)
-    with pytest.raises(InvalidRequestError, match=told):
-        CameraModel.from_document({**right, **change})
-
-
-def test_a_picture_of_another_size_is_refused(shot: Photograph) -> None:
-    with pytest.raises(InvalidRequestError, match="columns"):
-        DepthPicture(shot.picture.rgb[:, :-1], shot.picture.depth, shot.picture.camera)
-    with pytest.raises(InvalidRequestError, match="negative"):
-        DepthPicture(shot.picture.rgb, shot.picture.depth - 1.0, shot.picture.camera)
 
 
 @pytest.mark.parametrize(
@@ -187,31 +158,16 @@ def test_what_is_asked_wrongly_is_said(
     words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = CliRunner().invoke(app, words)
+    done = invoke(*words)
     assert done.exit_code == 2
     assert told in done.output
-
-
-def test_without_a_ripe_fruit_there_is_no_scene_but_an_answer(
-    shot: Photograph, tmp_path: Path
-) -> None:
-    grey = np.repeat(shot.picture.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
-    blind = DepthPicture(grey, shot.picture.depth, shot.picture.camera)
-    for name, content in picture_files("grey", blind).items():
-        (tmp_path / name).write_bytes(content)
-    done = CliRunner().invoke(app, ["see", str(tmp_path), "--json"])
-    assert done.exit_code == 1
-    (record,) = json.loads(done.stdout)["pictures"]
-    assert record["scene"] is None
-    assert "no ripe fruit" in record["message"]
 
 
 def test_see_tells_what_it_doubts(tmp_path: Path) -> None:
     shown = shot_of(SEED + 1).picture
     late = replace(shown, depth=np.roll(shown.depth, 18, 1))
-    for name, content in picture_files("late", late).items():
-        (tmp_path / name).write_bytes(content)
-    shown = [CliRunner().invoke(app, ["see", str(tmp_path), *more]) for more in (["--json"], [])]
+    folder = written(tmp_path, late=late)
+    shown = [invoke("see", folder, *more) for more in (["--json"], [])]
     (record,) = json.loads(shown[0].stdout)["pictures"]
     assert any("not registered to the colours" in doubt for doubt in record["doubts"])
     assert "doubt: edges of depth lie" in " ".join(shown[1].stdout.split())
@@ -228,11 +184,11 @@ def test_depths_in_other_units_are_named_where_no_fruit_is_seen(
 ) -> None:
     picture = shot.picture
     np.savez(tmp_path / "a.npz", depth=factor * picture.depth)
-    for name, content in picture_files("a", picture).items():
-        (tmp_path / name).write_bytes(content)
-    words = ["see", "--rgb", "a.rgb.png", "--depth", "a.npz", "--camera", "a.camera.json"]
-    words = [str(tmp_path / word) if word.startswith("a.") else word for word in words]
-    done = CliRunner().invoke(app, [*words, "--json"])
+    rgb, _, camera = (written(tmp_path, a=picture) / f"a{end}" for end in ENDS)
+    words = ("see", "--rgb", rgb, "--depth", tmp_path / "a.npz", "--camera", camera, "--json")
+    done = invoke(*words)
     (record,) = json.loads(done.stdout)["pictures"]
     assert done.exit_code == 1
+    assert record["scene"] is None
+    assert record["message"].startswith("no ripe fruit is seen")
     assert said in record["message"]

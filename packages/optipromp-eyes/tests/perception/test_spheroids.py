@@ -72,25 +72,24 @@ def test_a_long_fruit_is_an_ellipsoid_along_the_vertical() -> None:
     assert np.linalg.norm(fruit.item.position - center) < 0.003
 
 
+def half_hidden() -> DepthPicture:
+    """A ripe fruit at 0.45 m behind a green one."""
+    painter = Painter().ellipsoid(np.array([0.0, 0.0, 0.45]), (0.017,) * 3, RED)
+    return painter.ellipsoid(np.array([0.016, 0.0, 0.40]), (0.017,) * 3, GREEN).picture()
+
+
 def test_the_front_alone_does_not_pull_a_half_hidden_fruit_to_the_camera() -> None:
     """The centre of the visible cap's points is 8 mm before that of the fruit."""
-    center = np.array([0.0, 0.0, 0.45])
-    painter = Painter().ellipsoid(center, (0.017,) * 3, RED)
-    picture = painter.ellipsoid(np.array([0.016, 0.0, 0.40]), (0.017,) * 3, GREEN).picture()
-    hidden = next(d for d in look_at(picture, up=UP).detections if d.region.kind == "ripe")
+    hidden = next(d for d in look_at(half_hidden(), up=UP).detections if d.region.kind == "ripe")
     assert hidden.spheroid.share < 0.9
-    assert abs(hidden.item.position[2] - center[2]) < 0.006
-    assert abs(hidden.item.position[0] - center[0]) < 0.006
+    assert abs(hidden.item.position[2] - 0.45) < 0.006
+    assert abs(hidden.item.position[0]) < 0.006
 
 
 def test_the_less_is_seen_the_wider_the_covariance() -> None:
-    center = np.array([0.0, 0.0, 0.45])
-    whole = Painter().ellipsoid(center, (0.017,) * 3, RED).picture()
-    cover = np.array([0.016, 0.0, 0.40])
-    part = Painter().ellipsoid(center, (0.017,) * 3, RED)
-    part.ellipsoid(cover, (0.017,) * 3, GREEN)
+    whole = Painter().ellipsoid(np.array([0.0, 0.0, 0.45]), (0.017,) * 3, RED).picture()
     spreads = []
-    for picture in (whole, part.picture()):
+    for picture in (whole, half_hidden()):
         region = next(r for r in ByGeometry().find(picture).fruits if r.kind == "ripe")
         kind, colours = np.ones(1, dtype=np.int64), region.pixels.astype(np.int64)
         (fit,) = all_fitted(picture, [region], kind, colours, UP, P)
@@ -133,17 +132,12 @@ def test_fruits_that_overlap_in_the_picture_are_two() -> None:
     assert all(isinstance(fruit.item.shape, Sphere | Ellipsoid) for fruit in found)
 
 
-def test_stems_walls_and_grey_balls_are_no_fruits() -> None:
+def test_an_empty_picture_stems_walls_and_grey_balls_show_no_fruits() -> None:
+    assert look_at(Painter().picture(), up=UP).detections == ()
     painter = Painter().rod(np.array([-0.05, 0.05, 0.45]), np.array([-0.05, -0.1, 0.45]))
     painter.ellipsoid(np.array([0.05, 0.0, 0.45]), (0.016,) * 3, (120, 120, 122))
     painter.ellipsoid(np.array([0.0, 0.0, 0.7]), (0.3, 0.05, 0.05), GREEN)
     assert look_at(painter.picture(), up=UP).detections == ()
-
-
-def test_an_empty_picture_shows_nothing() -> None:
-    sight = look_at(Painter().picture(), up=UP)
-    assert sight.detections == ()
-    assert sight.look.detections == ()
 
 
 @pytest.mark.filterwarnings("error")

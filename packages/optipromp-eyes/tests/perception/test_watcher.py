@@ -13,7 +13,6 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.pose import Pose
 from optipromp_eyes import CameraModel, DepthPicture, EyeParameters, Finder, Found, Watcher, look_at
 from optipromp_loop.control import Look
-from optipromp_sim.simulation.photograph import Photograph
 
 CAMERA = CameraModel(8, 6, 10.0, 10.0, 3.5, 2.5)
 BLACK = np.zeros((6, 8, 3), np.uint8), np.zeros((6, 8))
@@ -36,11 +35,6 @@ class Broken(Finder):
 
     def find(self, picture: DepthPicture) -> Found:
         raise ValueError("no lens")
-
-
-@pytest.fixture(scope="module")
-def shot() -> Photograph:
-    return shot_of()
 
 
 def test_of_pictures_that_come_meanwhile_the_newest_is_looked_at() -> None:
@@ -71,8 +65,9 @@ def test_what_a_finder_raises_reaches_the_controller_and_does_not_end_the_watch(
     assert watcher.looks() == ()
 
 
-def test_a_process_gives_the_looks_of_the_caller(shot: Photograph) -> None:
-    picture, given = shot.picture, EyeParameters(tilt=10.0)
+def test_a_process_gives_the_looks_of_the_caller() -> None:
+    shot, given = shot_of(), EyeParameters(tilt=10.0)
+    picture = shot.picture
     here = Watcher(picture.camera, up=shot.scene.up, parameters=given)
     here(picture.rgb, picture.depth, 1.5)
     (mine,) = here.looks()

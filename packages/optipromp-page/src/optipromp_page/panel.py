@@ -85,7 +85,9 @@ class Panel(Listener):
         with group.add_tab("Move"):
             self.moving = MoveTab(self)
         with group.add_tab("Show"):
-            self.layers = {name: self._layer(name) for name in LAYERS}
+            self.layers = {k: self.gui.add_checkbox(k, window.stage.visible(k)) for k in LAYERS}
+            for name, box in self.layers.items():
+                self.on(box, name, functools.partial(self.layer, name))
         with group.add_tab("Plots"):
             self.plots = tabs.Plots(self.gui)
         with group.add_tab("Record"):
@@ -115,11 +117,6 @@ class Panel(Listener):
             act(value)
         except OptiPrompError as error:
             self.window.refuse(error)
-
-    def _layer(self, name: str) -> Any:
-        box = self.gui.add_checkbox(name, self.window.stage.visible(name))
-        self.on(box, name, functools.partial(self.layer, name))
-        return box
 
     def layer(self, name: str, shown: bool) -> None:
         """Show or hide a layer of the plan."""
@@ -200,9 +197,7 @@ class Clock:
         """Show the present time, of the present duration."""
         if self.window.shown is None:
             return
-        end = round(self.window.duration, 3)
-        if self.time.max != end:
-            self.time.max = end
+        self.time.max = end = round(self.window.duration, 3)
         self.time.value = min(round(self.window.now, 3), end)
 
 
@@ -288,17 +283,17 @@ class MoveTab:
             window.ask(scene=content.moved(window.scene, window.selected, np.array(value)))
             window.select(window.selected.name)
 
-    def named(self) -> str:
-        """The name to save under, see :func:`plain_name`."""
-        return plain_name(str(self.name.value))
+    def path(self, end: str) -> Path:
+        """Where to save under the given name (see :func:`plain_name`), which gets an ``end``."""
+        name = plain_name(str(self.name.value))
+        check_folder(self.window.out)
+        return self.window.out / f"{name}{end}"
 
     def _save_scene(self) -> None:
         from optipromp.core.scenes.io import save_scene
 
-        name = self.named()
-        check_folder(self.window.out)
-        path = self.window.out / f"{name}.yaml"
-        save_scene(replace(self.window.scene, name=name), path)
+        path = self.path(".yaml")
+        save_scene(replace(self.window.scene, name=path.stem), path)
         self.saved.content = f"wrote {path}"
 
     def _save_plan(self) -> None:
@@ -306,7 +301,7 @@ class MoveTab:
 
         if self.window.shown is None:
             raise InvalidRequestError("there is no plan of this scene")
-        folder = self.window.out / self.named()
+        folder = self.path("")
         write_pick(Picked(dict(legs_of(self.window.shown.made))), folder)
         self.saved.content = f"wrote {folder}"
 
@@ -392,9 +387,7 @@ class RecordTab:
 
     def save(self) -> None:
         """Write the accepted demonstrations into the page's folder."""
-        name = self.panel.moving.named()
-        check_folder(self.window.out)
-        path = self.window.out / f"{name}-demonstrations.npz"
+        path = self.panel.moving.path("-demonstrations.npz")
         save_demonstrations(self._recorder().demonstrations, path)
         self._tell(f"wrote {path}, for 'optipromp learn'")
 
@@ -448,13 +441,9 @@ class ReplayTab:
             if tuple(control.options) != names:
                 control.options = names
             control.value = name
-        text = runs.forces if now else ""
-        if self.forces.content != text:
-            self.forces.content = text
+        self.forces.content = runs.forces if now else ""
         records = [run.record for run, _ in runs.shown if run.record is not None]
-        drawn = "".join(tabs.sight(record, self.window.now) for record in records)
-        if self.sight.content != drawn:
-            self.sight.content = drawn
+        self.sight.content = "".join(tabs.sight(record, self.window.now) for record in records)
 
 
 class Page:

@@ -314,8 +314,7 @@ class Window:
 
     def select(self, name: str) -> None:
         """Show the handle of one of :func:`optipromp_page.content.grips`; empty: of none."""
-        found = content.grips(self.scene)
-        self.selected = found.get(name)
+        self.selected = content.grips(self.scene).get(name)
         self.handle.release()
         if self.selected is not None:
             self.handle.hold(content.place(self.scene, self.selected), self._dragged)

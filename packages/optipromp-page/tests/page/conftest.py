@@ -2,11 +2,16 @@
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
 from tests.page.opened import PATIENCE, SMALL, Opened
+
+from optipromp.core.planning import Plan, plan
+from optipromp.core.scenes.io import load_scene
+from optipromp_page.panel import Page, Panel
 
 UNDRAWN = """
 for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
@@ -17,14 +22,16 @@ for (const kind of [WebGLRenderingContext, WebGL2RenderingContext])
 
 
 @pytest.fixture(scope="module")
+def made() -> Plan:
+    return plan(load_scene("scenario-3"))
+
+
+@pytest.fixture(scope="module")
 def opener(
     chromium: Any, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[Callable[..., Opened]]:
     """Opens pages of a source; they are closed after the module's tests."""
-    from optipromp_page.panel import Page, Panel
-
-    pages: list[Any] = []
-    tabs: list[Any] = []
+    ends = ExitStack()
 
     def open_page(
         source: Any = None,
@@ -34,10 +41,10 @@ def opener(
     ) -> Opened:
         if page is None:
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))
-            pages.append(page)
+            ends.callback(page.stop)
         before, errors = {*page.windows.values()}, []
         tab = chromium.new_page(**({"viewport": SMALL} | screen))
-        tabs.append(tab)
+        ends.callback(tab.close)
         tab.add_init_script(UNDRAWN)
         tab.on("pageerror", lambda error: errors.append(str(error)))
         tab.goto(page.url)
@@ -52,7 +59,4 @@ def opener(
         return opened
 
     yield open_page
-    for tab in tabs:
-        tab.close()
-    for page in pages:
-        page.stop()
+    ends.close()

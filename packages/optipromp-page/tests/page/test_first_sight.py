@@ -4,9 +4,6 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser")
-
 from tests.page.opened import PATIENCE, Opened
 
 from optipromp.core.scenes.io import load_scene
@@ -123,9 +120,6 @@ def test_while_it_plans_it_says_so_and_no_button_can_be_pressed(phone: Opened) -
 
 
 def test_a_new_scene_is_seen_before_it_is_planned(phone: Opened) -> None:
-    def fruit() -> bool:
-        return phone.window.client.scene.get_handle_by_name("/a/things/target:ripe") is not None
-
     with window._planning:
         phone.window.worker.post("other", lambda: phone.window.open(load_scene("scenario-1")))
         phone.told("planning …")
@@ -133,7 +127,8 @@ def test_a_new_scene_is_seen_before_it_is_planned(phone: Opened) -> None:
             lambda: "fixed, not to be touched" in phone.tab.locator(".legend").first.inner_text(),
             "legend",
         )
-        assert fruit()
+        nodes = phone.window.client.scene
+        assert nodes.get_handle_by_name("/a/things/target:ripe") is not None
     phone.settle()
     phone.told("At the goal the arm would touch what it must not")
     unseen = phone.tab.locator(".status").evaluate("e => e.scrollHeight - e.clientHeight")

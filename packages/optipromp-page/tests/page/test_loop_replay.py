@@ -4,10 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser")
-pytest.importorskip("mujoco")
-
 from tests.page.opened import PATIENCE
 from tests.simulation.loops import swaying
 
@@ -18,8 +14,7 @@ from optipromp_sim.simulation.files import record_of, write_loop, write_run
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("loop") / "pick"
-    folder.mkdir()
+    folder = tmp_path_factory.mktemp("pick")
     write_run(swaying().run, folder)
     write_loop(swaying(), folder)
     return folder

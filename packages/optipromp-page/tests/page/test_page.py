@@ -2,7 +2,6 @@
 
 import functools
 import gc
-import time
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,9 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser")
-
 from tests.page.opened import SMALL, TALL, Opened, idle
 
 from optipromp.core.output import load_pick, load_plan, write_plan
@@ -123,10 +119,8 @@ def test_a_fruit_is_clicked_and_dragged_with_the_mouse(opened: Opened) -> None:
 
 def test_while_dragging_the_plan_follows(opened: Opened) -> None:
     window = opened.window
-    opened.do(lambda: window.select("n1"))
-    to = content.place(window.scene, window.selected) + [0.0, 0.01, 0.0]
-    window.handle.drag(to, "update", time.perf_counter())
-    opened.settle()
+    to = window.scene.pushables[0].position + [0.0, 0.01, 0.0]
+    opened.drag("n1", to, "update")
     live = window.shown.plan
     assert np.allclose(live.scene.pushables[0].position, to)
     assert window.shown.around is None  # what surrounds a plan waits for the release
@@ -135,10 +129,8 @@ def test_while_dragging_the_plan_follows(opened: Opened) -> None:
 
 def test_an_impossible_arrangement_says_why(opened: Opened) -> None:
     window = opened.window
-    opened.do(lambda: window.select("n1: stem root"))
     fruit = window.scene.pushables[0]
-    window.handle.drag(fruit.position, "end", time.perf_counter())
-    opened.settle()
+    opened.drag("n1: stem root", fruit.position)
     opened.told("The scene cannot be used")
     opened.told("Stem piece 0 has no length")
     assert np.allclose(node(opened, "message/text").position, fruit.stem.root)
@@ -149,7 +141,6 @@ def test_an_impossible_arrangement_says_why(opened: Opened) -> None:
 def test_a_plan_that_fails_is_red_at_what_it_touches(opened: Opened) -> None:
     window = opened.window
     opened.do(lambda: window.open(load_scene("scenario-1")))
-    opened.told("At the goal the arm would touch what it must not")
     table = window.scene.objects[[o.id for o in window.scene.objects].index("table-top")]
     assert np.allclose(node(opened, "message/text").position, table.position)
     opened.listed("target", "10.9 mm off", red=True)
@@ -198,10 +189,8 @@ def test_play_runs_to_the_end_and_a_step_is_a_step(opened: Opened) -> None:
 
 def test_saved_files_hold_what_the_page_shows(opened: Opened) -> None:
     window, out = opened.window, opened.page.out
-    opened.do(lambda: window.select("n2"))
-    to = content.place(window.scene, window.selected) + [0.0, -0.01, 0.004]
-    window.handle.drag(to, "end", time.perf_counter())
-    opened.settle()
+    to = window.scene.pushables[1].position + [0.0, -0.01, 0.004]
+    opened.drag("n2", to)
     opened.show("Move")
     opened.press("save scene")
     opened.press("save plan")
@@ -280,9 +269,7 @@ def test_two_windows_do_not_disturb_one_another(opened: Opened, opener) -> None:
     other = opener(page=opened.page)
     mine, theirs = opened.window, other.window
     before, said = mine.scene, opened.panel.status.content
-    other.do(lambda: theirs.select("n1"))
-    theirs.handle.drag(np.array([0.45, 0.03, 0.76]), "end", time.perf_counter())
-    other.settle()
+    other.drag("n1", np.array([0.45, 0.03, 0.76]))
     other.do(lambda: theirs.go(1.0))
     other.told("after the drag")
     assert mine.scene is before

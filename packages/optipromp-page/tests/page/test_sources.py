@@ -10,22 +10,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
-from optipromp.core.planning import plan
 from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.looks.viewer.serving import tube
 from optipromp_eyes.pictures import png_file
 from optipromp_page import content
 from optipromp_page.stage import open_source
 from optipromp_page.tabs import Recorder
-
-
-@pytest.fixture(scope="module")
-def made():
-    return plan(load_scene("scenario-3"))
 
 
 def test_moving_a_fruit_keeps_its_root_and_moving_the_root_keeps_the_fruit() -> None:
@@ -55,17 +48,13 @@ def test_a_scene_that_was_seen_brings_its_picture_and_so_does_its_plan(tmp_path:
     assert open_source(str(scene)).seen is None
     pixels = np.random.default_rng(0).integers(0, 256, (6, 8, 3), dtype=np.uint8)
     (tmp_path / "row.overlay.png").write_bytes(png_file(pixels))
-    seen = open_source(str(scene)).seen
-    assert seen is not None
-    assert (seen == pixels).all()
-    words = ["--reach", "--out", str(folder), "--no-figures"]
-    assert CliRunner().invoke(app, ["plan", str(scene), *words]).exit_code == 0
-    kept = open_source(str(folder)).seen
-    assert kept is not None
-    assert (kept == pixels).all()
+    assert np.array_equal(open_source(str(scene)).seen, pixels)
+    words = ("--reach", "--out", folder, "--no-figures")
+    assert invoke("plan", scene, *words).exit_code == 0
+    assert np.array_equal(open_source(str(folder)).seen, pixels)
     (tmp_path / "row.overlay.png").write_bytes(b"no picture")
     assert open_source(str(scene)).seen is None
-    assert CliRunner().invoke(app, ["plan", "scenario-3", *words]).exit_code == 0
+    assert invoke("plan", "scenario-3", *words).exit_code == 0
     assert open_source(str(folder)).seen is None  # that of the earlier plan is gone
 
 
@@ -132,7 +121,6 @@ def test_what_cannot_be_opened_is_named(tmp_path: Path) -> None:
 
 
 def test_the_command_serves_its_own_files_to_this_machine_and_ctrl_c_ends_it() -> None:
-    pytest.importorskip("viser")
     command = [sys.executable, "-m", "optipromp", "view", "scenario-3", "--no-browser", "--port"]
     with subprocess.Popen([*command, "0"], stdout=subprocess.PIPE, text=True) as served:
         line = served.stdout.readline()

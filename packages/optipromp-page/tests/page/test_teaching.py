@@ -4,9 +4,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-pytest.importorskip("viser")
-
 from tests.page.opened import Opened
 
 from optipromp.core.errors import InvalidRequestError

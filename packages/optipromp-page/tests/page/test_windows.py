@@ -10,11 +10,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-import pytest
-
-pytest.importorskip("viser")
-
 import msgspec
+import pytest
 import viser
 
 from optipromp.core.errors import InvalidRequestError

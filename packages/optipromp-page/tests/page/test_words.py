@@ -10,7 +10,7 @@ import pytest
 
 from optipromp.core.errors import Code, InvalidSceneError
 from optipromp.core.judging import Violation
-from optipromp.core.planning import Plan, plan
+from optipromp.core.planning import Plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.appearance import hex_colour, object_parts
 from optipromp.looks.viewer.words import WORDS, head, without_codes
@@ -20,11 +20,6 @@ from optipromp_page.tabs import legend, planned, replayed, things
 from optipromp_sim.generate import generate
 
 FOV = 0.87  # [rad]
-
-
-@pytest.fixture(scope="module")
-def made() -> Plan:
-    return plan(load_scene("scenario-3"))
 
 
 def test_a_success_is_told_in_sentences(made: Plan) -> None:

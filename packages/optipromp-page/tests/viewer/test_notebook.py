@@ -61,7 +61,6 @@ def test_pictures_are_shown_and_saved(made: Plan, promp: ProMP, tmp_path: Path) 
 
 
 def test_views_need_no_network(made: Plan, tmp_path: Path) -> None:
-    pytest.importorskip("viser")
     for value in (made, made.scene, made.robot):
         view = value.show()
         assert view._repr_html_().startswith('<iframe sandbox="allow-scripts" srcdoc=')
@@ -86,7 +85,6 @@ def recorded(page: str) -> list[tuple[float, dict]]:
 
 
 def test_the_view_of_a_plan_moves_arm_and_fruits_as_planned(made: Plan) -> None:
-    pytest.importorskip("viser")
     messages = recorded(plan_page(made))
     last = made.robot.n_segments - 1
     at = {"arm": [], "fruit": []}
@@ -104,7 +102,6 @@ def test_the_view_of_a_plan_moves_arm_and_fruits_as_planned(made: Plan) -> None:
 
 
 def test_a_view_of_an_arm_alone_shows_it_at_home() -> None:
-    pytest.importorskip("viser")
     robot = load_robot("scara")
     nodes = {m["name"] for _, m in recorded(robot.show().html) if "Mesh" in m["type"]}
     assert {"/base/arm/base", "/base/arm/2/forearm"} <= nodes
