@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Box, Sphere
 from optipromp.core.judging import RATES, extremes, judge
@@ -157,6 +157,23 @@ def test_an_arm_that_touches_something_at_first_may_leave_it() -> None:
     assert spheres.max() < edge - 0.02
 
 
+def test_looks_do_not_let_the_arm_come_ever_nearer(cluster: Scene) -> None:
+    """Each look moves a fruit, so the scene is another one each time."""
+    robot, start = posed(Scene("free", "panda", (), goal=JointGoal(np.array(HOME))))
+    edge = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max())
+    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([edge + 0.0125, 0, 0]))
+    guard = Guard(Scene("walled", "panda", (wall,), goal=JointGoal(np.array(HOME))))
+    state, (fruit,), places = start, cluster.pushables, set[tuple[float, ...]]()
+    for k in range(400):
+        by = np.array([0.0, 0.01 * (k // 20 % 2), 0.0])
+        looks = [shown(PERIOD * k, fruit.shifted(by))] if k % 2 == 0 else ()
+        state = guard(joints_for(robot, state.q, np.array([5e-4, 0, 0])), state, looks).reference
+        places |= {tuple(o.position) for o in guard.scene.objects}
+    away = edge + 0.0025 - (robot.sphere_centers(state.q)[:, 0] + robot.spheres.radius).max()
+    assert len(places) > 20
+    assert 0.00199 < away < 0.0021
+
+
 def test_a_policy_that_gives_no_number_stops_the_arm() -> None:
     scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
     _, start = posed(scene)
@@ -165,10 +182,29 @@ def test_a_policy_that_gives_no_number_stops_the_arm() -> None:
     )
     assert told[-1].reason == "the action is not finite"
     assert (motion.velocities[-5:] == 0.0).all()
-    with pytest.raises(InvalidRequestError, match=r"action has shape \(3,\): must be \(7,\)"):
-        Guard(scene)(np.zeros(3), start)
-    with pytest.raises(InvalidRequestError, match="state has 3 joints; panda has 7"):
-        Guard(scene)(np.zeros(7), State(np.zeros(3)))
+
+
+def test_what_a_caller_gives_wrongly_is_told_and_the_next_call_goes_on() -> None:
+    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
+    guard, still, state = Guard(scene), np.zeros(7), State(np.array(HOME))
+    short, other = State(np.zeros(3)), "must be of"
+    for _ in range(2):  # also while a curve runs
+        for wrong, words in (
+            ((np.zeros(3), state), r"action has shape \(3,\): must be \(7,\)"),
+            (({"x": 1.0}, state), r"action is \{'x': 1.0\}: must be \(7,\)"),
+            ((None, state), r"action has shape \(\): must be \(7,\)"),
+            ((still, short), "state has 3 joints; panda has 7"),
+            ((still, None), f"state is None: {other} State"),
+            ((still, state, None), f"looks is None: {other} Iterable"),
+            ((still, state, [1]), f"a look is 1: {other} Look"),
+            ((still, state, (), np.nan), "time is nan: must be finite"),
+        ):
+            with pytest.raises(InvalidRequestError, match=words):
+                guard(*wrong)
+        assert not guard(still, state).acted
+    for tool, words in (((np.zeros(2), state), "linear has"), ((still[:3], short), "state has 3")):
+        with pytest.raises(InvalidRequestError, match=words):
+            guard.tool(*tool)
 
 
 def test_a_change_of_velocity_is_as_short_as_the_limits_allow() -> None:
@@ -312,21 +348,69 @@ def test_nothing_comes_near_the_root_of_a_stem(cluster: Scene) -> None:
     assert "tool would touch ripe/root" in {one.reason for one in told}
 
 
+def shown(time: float, *items: SceneObject) -> Look:
+    """A look at items in the base frame, known to 1 mm."""
+    eye = Pose(np.array([0.5, -0.3, -0.2]), np.eye(3))
+    known = [replace(item, covariance=1e-6 * np.eye(3), stem=None) for item in items]
+    return Look(time, eye, tuple(item.transformed(eye.inverse()) for item in known), view=3.0)
+
+
 def test_looks_move_the_fruits_that_the_guard_knows(cluster: Scene) -> None:
     _, start = posed(cluster)
     guard, by = Guard(cluster), np.array([0.0, 0.02, 0.0])
-    seen = tuple(
-        replace(item, position=item.position + by, covariance=1e-6 * np.eye(3), stem=None)
-        for item in cluster.objects
-    )
-    eye = Pose(np.array([0.5, 0.0, -0.2]), np.eye(3))
-    turned = tuple(replace(item, position=eye.rotation.T @ (item.position - eye.position))
-                   for item in seen)  # fmt: skip
     for k in range(30):
-        guard(np.zeros(7), start, [Look(0.1 * k, eye, turned, view=3.0)])
+        guard(np.zeros(7), start, [shown(0.1 * k, *(o.shifted(by) for o in cluster.objects))])
     assert guard.scene.target is not None
     assert cluster.target is not None
     assert guard.scene.target.position - cluster.target.position == pytest.approx(by, abs=0.005)
+
+
+def test_a_target_that_no_look_shows_stays_and_the_rest_is_seen(cluster: Scene) -> None:
+    """As behind the tool, or picked."""
+    guard, (_, start) = Guard(cluster), posed(cluster)
+    wire = SceneObject("wire", "avoid", Sphere(0.03), np.array([0.5, 0.1, 0.4]))
+    (moved,) = [fruit.shifted(np.array([0.0, 0.0, -0.02])) for fruit in cluster.pushables]
+    for k in range(40):
+        guard(np.zeros(7), start, [shown(0.1 * k, moved, wire)])
+    assert cluster.target is not None
+    assert guard.scene.target is not None
+    assert (guard.scene.target.position == cluster.target.position).all()
+    seen = {item.role: item.position for item in guard.scene.objects}
+    assert seen["avoid"] == pytest.approx(wire.position, abs=0.002)
+    assert seen["pushable"] == pytest.approx(moved.position, abs=0.002)
+
+
+def test_a_scene_with_a_goal_alone_takes_looks(cluster: Scene) -> None:
+    guard = Guard(replace(cluster, objects=(), goal=JointGoal(np.array(HOME))))
+    for k in range(3):
+        guard(np.zeros(7), State(HOME), [shown(0.1 * k, *cluster.pushables)])
+    assert [item.role for item in guard.scene.objects] == ["pushable"]
+
+
+def test_what_a_look_shows_during_a_push_is_not_touched(cluster: Scene) -> None:
+    made = plan(cluster, seed=1)
+    robot, (fruit,) = made.robot, cluster.pushables
+    guard, state, items = Guard(cluster), made.task.state, list(cluster.objects)
+    behind, radius = ~robot.spheres.distal, 0.03
+    place, gaps = np.zeros(3), list[float]()
+
+    def gap(q: FloatArray, place: FloatArray) -> float:
+        away = lengths(robot.sphere_centers(q) - place) - robot.spheres.radius - radius
+        return float(away[behind].min())
+
+    for k in range(450):
+        point, axis = robot.tool_pose(state.q)
+        by = fruit.position + np.array([0.0, 0.3 * (k >= 200), 0.03]) - point
+        wish = joints_for(robot, state.q, 0.09 * by / max(float(np.linalg.norm(by)), 0.05), axis)
+        if k == 230:  # the tool is among the fruits
+            now, soon = (robot.sphere_centers(q)[behind] for q in (state.q, state.q + wish))
+            far = int(np.argmax(lengths(soon - now)))
+            ways = now[far] + np.linspace(0.0, 0.5, 100)[:, None] * (soon - now)[far] / 0.09
+            place = next(each for each in ways if gap(state.q, each) > 0.02)
+            items.append(SceneObject("wire", "avoid", Sphere(radius), place))
+        state = guard(wish, state, [shown(PERIOD * k, *items)] if k % 4 == 0 else ()).reference
+        gaps += [gap(state.q, place)] if k >= 230 else []
+    assert 0.001 < min(gaps) < 0.01
 
 
 def test_the_same_actions_give_the_same_motion(cluster: Scene) -> None:
