@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 from tests.control.plants import RADIUS, UP, Eye, empty, look, nearest, swaying
 
-from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.arrays import frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.objects import SceneObject, Stem
 from optipromp_loop.control import Tracker
 from optipromp_loop.control.tracks import Frame, Track, TrackerParameters, new_track
 from optipromp_sim.generate.generator import generate
-
-
-def camera_axes(up: FloatArray) -> FloatArray:
-    """(2, 3) horizontal unit vectors across each other."""
-    return np.asarray(frame_along(up).T[:2])
 
 
 def hung() -> Track:
@@ -81,7 +76,7 @@ def test_fruits_swing_in_the_simulation_as_their_tracks_say() -> None:
         run.step(run.reference)
         places.append(run.fruits().positions[:2])
     moved, fruits = np.array(places)[400:], run.fruits()
-    frame, objects = Frame(scene.up, camera_axes(scene.up)), {o.id: o for o in scene.objects}
+    frame, objects = Frame(scene.up, frame_along(scene.up).T[:2]), {o.id: o for o in scene.objects}
     for row, name in enumerate(fruits.ids[:2]):
         off = moved[:, row] - moved[-1000:, row].mean(axis=0)
         along = off @ np.linalg.svd(off, full_matrices=False)[2][0]
