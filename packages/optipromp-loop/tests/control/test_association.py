@@ -18,6 +18,7 @@ from optipromp_loop.control.tracks import Frame, Seen, Track, TrackerParameters,
 
 NONE = np.zeros((0, 4)), None
 GIVEN = TrackerParameters()
+UNSEEN = np.zeros(9, dtype=bool)  # no track, as from another side
 PLANT = bare_plant(UP, GIVEN.frequencies, GIVEN.damping, GIVEN.sway)
 
 
@@ -29,7 +30,7 @@ def of(places: FloatArray) -> tuple[PlantState, tuple[Track, ...]]:
     state = PLANT.with_fruits(swings, places, spread)
     look = look_at(places)
     frame = Frame(UP, PLANT.layout.axes)
-    tracks = [new_track(f"t{k}", d, np.eye(3), None, frame) for k, d in enumerate(look.detections)]
+    tracks = [new_track(f"t{k}", d, None, frame) for k, d in enumerate(look.detections)]
     return state, tuple(tracks)
 
 
@@ -48,7 +49,7 @@ def pairs(places: FloatArray, found: FloatArray, target: int = 0) -> dict[int, i
     state, tracks = of(places)
     seen = Seen.of(look_at(found, target))
     noise = np.broadcast_to(seen.covariances, (len(tracks), len(found), 3, 3))
-    result = pairing(state, places, noise, tracks, seen, GIVEN)
+    result = pairing(state, places, noise, tracks, seen, GIVEN, UNSEEN[: len(tracks)])
     rows = [int(seen.items[k].id[1:]) for k in result.detections]
     return dict(zip(result.tracks.tolist(), rows, strict=True))
 
@@ -88,11 +89,11 @@ def test_a_far_detection_is_new_and_a_near_one_is_the_fruit_that_moved() -> None
     state = PlantState(state.layout, state.oscillators, state.mean, 1e-4 * state.covariance)
     seen = Seen.of(look_at(places + [[0.02, 0.0, 0.0]]))
     tight = np.full((1, 1, 1, 1), 1e-6) * np.eye(3)
-    result = pairing(state, places, tight, tracks, seen, GIVEN)
+    result = pairing(state, places, tight, tracks, seen, GIVEN, UNSEEN[: len(tracks)])
     assert result.jumped.tolist() == [True]
     assert not len(result.new)
     seen = Seen.of(look_at(places + [[0.03, 0.0, 0.0]]))  # above 0.6 of 36 mm
-    result = pairing(state, places, tight, tracks, seen, GIVEN)
+    result = pairing(state, places, tight, tracks, seen, GIVEN, UNSEEN[: len(tracks)])
     assert not len(result.tracks)
     assert result.new.tolist() == [0]
 

@@ -20,7 +20,7 @@ def hung() -> Track:
     seen = SceneObject("a", "target", Sphere(RADIUS), np.zeros(3), sigma=0.005)
     tall = Stem.along(np.zeros(3), UP, 0.15)
     frame = Frame(UP, np.eye(3)[:2])
-    return new_track("a", replace(seen, stem=tall), np.eye(3), None, frame)
+    return new_track("a", replace(seen, stem=tall), None, frame)
 
 
 def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
@@ -84,5 +84,5 @@ def test_fruits_swing_in_the_simulation_as_their_tracks_say() -> None:
         assert len(rises) > 2
         measured = 1.0 / (np.diff(rises).mean() * run.tick)  # [Hz]
         seen = replace(objects[name], covariance=1e-6 * np.eye(3))
-        omega, _ = new_track(name, seen, np.eye(3), None, frame).swing(TrackerParameters())
+        omega, _ = new_track(name, seen, None, frame).swing(TrackerParameters())
         assert omega / (2.0 * np.pi) == pytest.approx(measured, rel=0.15)

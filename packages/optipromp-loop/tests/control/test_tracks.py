@@ -311,16 +311,3 @@ def test_a_tracker_without_a_fruit_answers() -> None:
         assert tracked.covariance.shape == (0, 3, 3)
         assert tracked.objects() == ()
         assert tracked.sway(np.array([now, now + 1.0]))[0].shape == (2, 3)
-
-
-def test_a_push_without_a_word_drags_the_rest_along() -> None:
-    """The contrast: the same displacement without ``pushed`` moves the rest."""
-    rng, plant, tracker = np.random.default_rng(2), still(5), Tracker(empty())
-    for k in range(40):
-        tracker.add(look(0.05 * k, plant.rest, rng, Eye()))
-    row = nearest(tracker.at(2.0), plant.rest)[0][1]
-    for k in range(40, 80):
-        moved = plant.rest.copy()
-        moved[1] += [0.02 * min(1.0, 0.1 * (k - 40)), 0.0, 0.0]
-        tracker.add(look(0.05 * k, moved, rng, Eye()))
-    assert tracker.at(3.95).rest[row, 0] - plant.rest[1, 0] > 0.010

@@ -28,6 +28,8 @@ from optipromp_loop.guard.motion import Change, fastest, later, nearest, stoppin
 from optipromp_sim.generate import generate
 
 PERIOD = GuardParameters.period
+HOME = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+FREE = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
 Policy = Callable[[int, State], FloatArray]
 
 
@@ -77,9 +79,7 @@ def wild_policy(seed: int, robot: Robot, strength: float) -> Policy:
 def walled(seed: int) -> Scene:
     """The arm among boxes that stand and boxes to avoid, none of which it touches at first."""
     rng = np.random.default_rng(seed)
-    robot, start = posed(
-        Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    )
+    robot, start = posed(FREE)
     spheres, radius = robot.sphere_centers(start.q), robot.spheres.radius
     items: list[SceneObject] = []
     while len(items) < 8:
@@ -87,10 +87,7 @@ def walled(seed: int) -> Scene:
         if (np.linalg.norm(spheres - place, axis=1) > radius + np.linalg.norm(size)).all():
             role = "static" if len(items) % 2 else "avoid"
             items.append(SceneObject(f"box{len(items)}", role, Box(tuple(size)), place))
-    return Scene(name="walled", robot="panda", goal=JointGoal(np.array(HOME)), objects=tuple(items))
-
-
-HOME = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+    return replace(FREE, objects=tuple(items))
 
 
 @given(seed=st.integers(0, 10_000), strength=st.sampled_from([0.1, 0.5, 1.0, 2.0]))
@@ -107,29 +104,36 @@ def test_no_policy_breaks_a_limit_or_touches_what_stands(seed: int, strength: fl
 @given(seed=st.integers(0, 10_000), jerk=st.sampled_from([0.003, 0.03, np.inf]))
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_limits_hold_for_arms_of_little_and_of_any_jerk(seed: int, jerk: float) -> None:
-    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    robot, start = posed(scene)
+    robot, start = posed(FREE)
     robot = replace(robot, jerk=robot.jerk * jerk)
-    motion, _ = driven(Guard(scene, robot), start, wild_policy(seed, robot, 1.0), 120)
-    assert_within(scene, robot, motion, start)
+    motion, _ = driven(Guard(FREE, robot), start, wild_policy(seed, robot, 1.0), 120)
+    assert_within(FREE, robot, motion, start)
 
 
 def test_a_wish_that_harms_nothing_is_executed_to_the_bit() -> None:
-    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    _, start = posed(scene)
+    _, start = posed(FREE)
     wish = np.array([0.05, -0.02, 0.0, 0.03, 0.0, 0.1, -0.1])
-    _, told = driven(Guard(scene), start, lambda k, state: wish, 10)
+    _, told = driven(Guard(FREE), start, lambda k, state: wish, 10)
     assert not any(safe.acted for safe in told)
     assert (told[-1].velocity == wish).all()
 
 
+def before_a_wall(room: float) -> tuple[Scene, Robot, State]:
+    """A wall before the arm, so far from its foremost sphere [m]."""
+    robot, start = posed(FREE)
+    wall = SceneObject(
+        "wall", "static", Box((0.02, 4.0, 4.0)), [foremost(robot, start.q) + room + 0.01, 0, 0]
+    )
+    return replace(FREE, objects=(wall,)), robot, start
+
+
+def foremost(robot: Robot, q: FloatArray) -> float:
+    return float((robot.sphere_centers(q)[:, 0] + robot.spheres.radius).max())
+
+
 def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
-    free = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    robot, start = posed(free)
+    scene, robot, start = before_a_wall(0.04)
     point, _ = robot.tool_pose(start.q)
-    away = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max()) + 0.05
-    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([away, 0.0, 0.0]))
-    scene = replace(free, objects=(wall,))
 
     def into(k: int, state: State) -> FloatArray:
         return joints_for(robot, state.q, np.array([0.2, 0.1, 0.0]))
@@ -142,51 +146,42 @@ def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
 
 
 def test_an_arm_that_touches_something_at_first_may_leave_it() -> None:
-    free = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    robot, start = posed(free)
-    edge = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max())
-    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([edge, 0.0, 0.0]))
-    scene = replace(free, objects=(wall,))
+    scene, robot, start = before_a_wall(-0.01)
     guard = Guard(scene)
     safe = guard(joints_for(robot, start.q, np.array([0.1, 0.0, 0.0])), start)
     assert safe.acted  # not deeper
     motion, _ = driven(
         guard, safe.reference, lambda k, s: joints_for(robot, s.q, np.array([-0.2, 0.0, 0.0])), 50
     )
-    spheres = robot.sphere_centers(motion.positions[-1])[:, 0] + robot.spheres.radius
-    assert spheres.max() < edge - 0.02
+    assert foremost(robot, motion.positions[-1]) < foremost(robot, start.q) - 0.02
 
 
 def test_looks_do_not_let_the_arm_come_ever_nearer(cluster: Scene) -> None:
     """Each look moves a fruit, so the scene is another one each time."""
-    robot, start = posed(Scene("free", "panda", (), goal=JointGoal(np.array(HOME))))
-    edge = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max())
-    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([edge + 0.0125, 0, 0]))
-    guard = Guard(Scene("walled", "panda", (wall,), goal=JointGoal(np.array(HOME))))
+    scene, robot, start = before_a_wall(0.0025)
+    guard = Guard(scene)
     state, (fruit,), places = start, cluster.pushables, set[tuple[float, ...]]()
     for k in range(400):
         by = np.array([0.0, 0.01 * (k // 20 % 2), 0.0])
         looks = [shown(PERIOD * k, fruit.shifted(by))] if k % 2 == 0 else ()
         state = guard(joints_for(robot, state.q, np.array([5e-4, 0, 0])), state, looks).reference
         places |= {tuple(o.position) for o in guard.scene.objects}
-    away = edge + 0.0025 - (robot.sphere_centers(state.q)[:, 0] + robot.spheres.radius).max()
+    away = foremost(robot, start.q) + 0.0025 - foremost(robot, state.q)
     assert len(places) > 20
     assert 0.00199 < away < 0.0021
 
 
 def test_a_policy_that_gives_no_number_stops_the_arm() -> None:
-    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    _, start = posed(scene)
+    _, start = posed(FREE)
     motion, told = driven(
-        Guard(scene), start, lambda k, s: np.full(7, 0.3 if k < 20 else np.nan), 60
+        Guard(FREE), start, lambda k, s: np.full(7, 0.3 if k < 20 else np.nan), 60
     )
     assert told[-1].reason == "the action is not finite"
     assert (motion.velocities[-5:] == 0.0).all()
 
 
 def test_what_a_caller_gives_wrongly_is_told_and_the_next_call_goes_on() -> None:
-    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    guard, still, state = Guard(scene), np.zeros(7), State(np.array(HOME))
+    guard, still, state = Guard(FREE), np.zeros(7), State(np.array(HOME))
     short, other = State(np.zeros(3)), "must be of"
     for _ in range(2):  # also while a curve runs
         for wrong, words in (
@@ -249,6 +244,26 @@ def test_a_joint_stops_within_the_room_for_which_it_is_fast() -> None:
 # -- fruits
 
 
+def following(curve: Trajectory) -> Policy:
+    def follow(k: int, state: State) -> FloatArray:
+        (q,), (velocity,), _ = curve.sample(min((k + 1) * PERIOD, curve.duration))
+        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
+
+    return follow
+
+
+def across_a_stem(robot: Robot, fruit: SceneObject) -> Policy:
+    """Up to a fruit within 4 s, and 0.3 m farther."""
+    beyond = fruit.position + np.array([0.0, 0.3, 0.03])
+
+    def across(k: int, state: State) -> FloatArray:
+        point, axis = robot.tool_pose(state.q)
+        by = beyond - np.array([0.0, 0.3 * (k < 200), 0.0]) - point
+        return joints_for(robot, state.q, 0.09 * by / max(float(np.linalg.norm(by)), 0.05), axis)
+
+    return across
+
+
 @pytest.fixture(scope="module")
 def cluster() -> Scene:
     return generate("cluster", 7)
@@ -259,12 +274,8 @@ def test_a_plan_of_ours_passes_and_the_same_path_through_a_fruit_does_not(cluste
     assert made.success
     robot, curve = made.robot, made.trajectory
 
-    def follow(k: int, state: State) -> FloatArray:
-        (q,), (velocity,), _ = curve.sample(min((k + 1) * PERIOD, curve.duration))
-        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
-
     steps = int(curve.duration / PERIOD) + 50
-    motion, told = driven(Guard(cluster), made.task.state, follow, steps)
+    motion, told = driven(Guard(cluster), made.task.state, following(curve), steps)
     assert np.mean([safe.acted for safe in told]) < 0.05
     assert cluster.target is not None
     end, _ = robot.tool_pose(motion.positions[-1])
@@ -274,13 +285,7 @@ def test_a_plan_of_ours_passes_and_the_same_path_through_a_fruit_does_not(cluste
 def test_a_sweep_across_a_stem_harms_less_than_it_would(cluster: Scene) -> None:
     made = plan(cluster, seed=1)
     robot, (fruit,) = made.robot, cluster.pushables
-    beyond = fruit.position + np.array([0.0, 0.3, 0.03])
-
-    def across(k: int, state: State) -> FloatArray:
-        point, axis = robot.tool_pose(state.q)
-        by = beyond - np.array([0.0, 0.3 * (k < 200), 0.0]) - point
-        return joints_for(robot, state.q, 0.09 * by / max(float(np.linalg.norm(by)), 0.05), axis)
-
+    across = across_a_stem(robot, fruit)
     model = made.task.push_model(made.task.start)
     assert isinstance(model, Hanging)
 
@@ -304,11 +309,8 @@ def test_the_tool_is_slow_among_fruits(cluster: Scene) -> None:
     made = plan(cluster, seed=1)
     robot, fast = made.robot, made.trajectory.slowed(0.4)
 
-    def follow(k: int, state: State) -> FloatArray:
-        (q,), (velocity,), _ = fast.sample(min((k + 1) * PERIOD, fast.duration))
-        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
-
-    motion, told = driven(Guard(cluster), made.task.state, follow, int(fast.duration / PERIOD))
+    steps = int(fast.duration / PERIOD)
+    motion, told = driven(Guard(cluster), made.task.state, following(fast), steps)
     judged = judge(cluster, robot, motion, made.task.state)
     assert not [v for v in judged.violations if v.kind == "speed"]
     assert any("m/s among fruits" in safe.reason for safe in told)
@@ -381,7 +383,7 @@ def test_a_target_that_no_look_shows_stays_and_the_rest_is_seen(cluster: Scene) 
 
 
 def test_a_scene_with_a_goal_alone_takes_looks(cluster: Scene) -> None:
-    guard = Guard(replace(cluster, objects=(), goal=JointGoal(np.array(HOME))))
+    guard = Guard(FREE)
     for k in range(3):
         guard(np.zeros(7), State(HOME), [shown(0.1 * k, *cluster.pushables)])
     assert [item.role for item in guard.scene.objects] == ["pushable"]
@@ -390,7 +392,8 @@ def test_a_scene_with_a_goal_alone_takes_looks(cluster: Scene) -> None:
 def test_what_a_look_shows_during_a_push_is_not_touched(cluster: Scene) -> None:
     made = plan(cluster, seed=1)
     robot, (fruit,) = made.robot, cluster.pushables
-    guard, state, items = Guard(cluster), made.task.state, list(cluster.objects)
+    across, guard = across_a_stem(robot, fruit), Guard(cluster)
+    state, items = made.task.state, list(cluster.objects)
     behind, radius = ~robot.spheres.distal, 0.03
     place, gaps = np.zeros(3), list[float]()
 
@@ -399,9 +402,7 @@ def test_what_a_look_shows_during_a_push_is_not_touched(cluster: Scene) -> None:
         return float(away[behind].min())
 
     for k in range(450):
-        point, axis = robot.tool_pose(state.q)
-        by = fruit.position + np.array([0.0, 0.3 * (k >= 200), 0.03]) - point
-        wish = joints_for(robot, state.q, 0.09 * by / max(float(np.linalg.norm(by)), 0.05), axis)
+        wish = across(k, state)
         if k == 230:  # the tool is among the fruits
             now, soon = (robot.sphere_centers(q)[behind] for q in (state.q, state.q + wish))
             far = int(np.argmax(lengths(soon - now)))

@@ -157,17 +157,17 @@ class Track:
         return omega, min(zeta, 0.9)
 
 
-def new_track(
-    name: str, item: SceneObject, turn: FloatArray, camera: FloatArray | None, plant: "Frame"
-) -> Track:
+def new_track(name: str, item: SceneObject, seen: Seen | None, plant: "Frame") -> Track:
     """The track that a detection starts.
 
-    ``turn``: (3, 3) rotation of the detection's frame in the base. ``camera``: quaternion (4,) of
-    the same rotation; None: the identity. ``plant``: the vertical and the horizontal axes.
+    ``seen``: that it is of; None: it stands in the base frame. ``plant``: the vertical and the
+    horizontal axes.
     """
     if item.role not in ROLES:
         raise InvalidRequestError(f"object {item.id} has role {item.role}: must be a fruit's")
     vote = ROLES.index(item.role)
+    turn = np.eye(3) if seen is None else seen.turn
+    camera = None if seen is None else seen.look.camera.orientation
     tilt, length, stems = _stem(item, turn, plant)
     assert item.covariance is not None
     return Track(
