@@ -273,7 +273,8 @@ class GuardStep(Commands, ProcessorStep):
         state = self._state(seen)
         wish = asked
         if self.commands == "positions":
-            wish = (asked - (state.q if self.safe is None else self.safe.reference.q)) * self.rate
+            now_at = state.q if self.safe is None else self.safe.reference.q
+            wish = robot.turns.apart(asked, now_at) * self.rate
         elif self.commands == "tool":
             wish = self.guard.tool(asked, state)
         look = look_of(seen, self._scene, now)

@@ -1,6 +1,7 @@
 """Pairs of detections and tracks, and which fruits a look should have seen."""
 
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,10 +18,11 @@ from optipromp_loop.control.tracks import Frame, Seen, Track, TrackerParameters,
 
 NONE = np.zeros((0, 4)), None
 GIVEN = TrackerParameters()
+UNSEEN = np.zeros(9, dtype=bool)  # no track, as from another side
 PLANT = bare_plant(UP, GIVEN.frequencies, GIVEN.damping, GIVEN.sway)
 
 
-def of(places: FloatArray, confirmed: bool = True) -> tuple[PlantState, tuple[Track, ...]]:
+def of(places: FloatArray) -> tuple[PlantState, tuple[Track, ...]]:
     """Tracks at ``places``; the first is the target."""
     count, same = len(places), np.ones(2 * len(places))
     spread = np.tile(25e-6 * np.eye(3), (count, 1, 1))
@@ -28,7 +30,7 @@ def of(places: FloatArray, confirmed: bool = True) -> tuple[PlantState, tuple[Tr
     state = PLANT.with_fruits(swings, places, spread)
     look = look_at(places)
     frame = Frame(UP, PLANT.layout.axes)
-    tracks = [new_track(f"t{k}", d, np.eye(3), None, frame) for k, d in enumerate(look.detections)]
+    tracks = [new_track(f"t{k}", d, None, frame) for k, d in enumerate(look.detections)]
     return state, tuple(tracks)
 
 
@@ -47,7 +49,7 @@ def pairs(places: FloatArray, found: FloatArray, target: int = 0) -> dict[int, i
     state, tracks = of(places)
     seen = Seen.of(look_at(found, target))
     noise = np.broadcast_to(seen.covariances, (len(tracks), len(found), 3, 3))
-    result = pairing(state, places, noise, tracks, seen, GIVEN)
+    result = pairing(state, places, noise, tracks, seen, GIVEN, UNSEEN[: len(tracks)])
     rows = [int(seen.items[k].id[1:]) for k in result.detections]
     return dict(zip(result.tracks.tolist(), rows, strict=True))
 
@@ -87,11 +89,11 @@ def test_a_far_detection_is_new_and_a_near_one_is_the_fruit_that_moved() -> None
     state = PlantState(state.layout, state.oscillators, state.mean, 1e-4 * state.covariance)
     seen = Seen.of(look_at(places + [[0.02, 0.0, 0.0]]))
     tight = np.full((1, 1, 1, 1), 1e-6) * np.eye(3)
-    result = pairing(state, places, tight, tracks, seen, GIVEN)
+    result = pairing(state, places, tight, tracks, seen, GIVEN, UNSEEN[: len(tracks)])
     assert result.jumped.tolist() == [True]
     assert not len(result.new)
     seen = Seen.of(look_at(places + [[0.03, 0.0, 0.0]]))  # above 0.6 of 36 mm
-    result = pairing(state, places, tight, tracks, seen, GIVEN)
+    result = pairing(state, places, tight, tracks, seen, GIVEN, UNSEEN[: len(tracks)])
     assert not len(result.tracks)
     assert result.new.tolist() == [0]
 
@@ -129,34 +131,24 @@ def test_what_few_fruits_share_is_no_common_displacement() -> None:
     assert not common_shift(places, places + [[0.08, 0.0, 0.0]], 0.005, GIVEN).any()
 
 
-def seen_at(places: FloatArray, **more: object) -> list[bool]:
-    look = Look(0.0, Pose(), (), 1.0)
-    hiding = more.get("hiding", NONE)
-    radii = np.full(len(places), 0.02)
-    return visible(look, places, radii, 0.8, hiding).tolist()
+BALL, BEHIND = np.array([[0.06, 0.0, 0.3, 0.01]]), np.array([[0.12, 0.0, 0.6, 0.03]])
+BOARD = pack([(Box((0.05, 0.05, 0.01)), np.array([0.0, 0.0, 0.2]), np.eye(3))])
+EDGE = 0.5 * np.tan(0.5)  # [m] of a cone of 1 rad
 
 
-def test_a_fruit_outside_the_cone_or_far_is_not_missed() -> None:
-    aside = 0.5 * np.tan(0.5)
-    places = np.array([[0.0, 0.0, 0.5], [aside - 0.01, 0, 0.5], [aside + 0.01, 0, 0.5]])
-    assert seen_at(places) == [True, True, False]
-    assert seen_at(np.array([[0.0, 0.0, 0.79], [0.3, 0.0, 0.81], [0.0, 0.0, -0.5]])) == [
-        True,
-        False,
-        False,
-    ]
-
-
-def test_a_fruit_behind_another_is_not_missed() -> None:
-    places = np.array([[0.0, 0.0, 0.3], [0.02, 0.0, 0.5], [0.05, 0.0, 0.5]])
-    assert seen_at(places) == [True, False, True]
-
-
-def test_a_fruit_behind_the_tool_or_a_static_object_is_not_missed() -> None:
-    places = np.array([[0.0, 0.0, 0.5], [0.1, 0.0, 0.5]])
-    ball = np.array([[0.06, 0.0, 0.3, 0.01]])
-    assert seen_at(places, hiding=(ball, None)) == [True, False]
-    behind = np.array([[0.12, 0.0, 0.6, 0.03]])
-    assert seen_at(places, hiding=(behind, None)) == [True, True]
-    board = pack([(Box((0.05, 0.05, 0.01)), np.array([0.0, 0.0, 0.2]), np.eye(3))])
-    assert seen_at(places, hiding=(np.zeros((0, 4)), board)) == [False, True]
+@pytest.mark.parametrize(
+    ("places", "hiding", "wanted"),
+    [
+        ([[0, 0, 0.5], [EDGE - 0.01, 0, 0.5], [EDGE + 0.01, 0, 0.5]], NONE, [True, True, False]),
+        ([[0, 0, 0.79], [0.3, 0, 0.81], [0, 0, -0.5]], NONE, [True, False, False]),  # far, behind
+        ([[0, 0, 0.3], [0.02, 0, 0.5], [0.05, 0, 0.5]], NONE, [True, False, True]),  # by another
+        ([[0, 0, 0.5], [0.1, 0, 0.5]], (BALL, None), [True, False]),  # of the tool
+        ([[0, 0, 0.5], [0.1, 0, 0.5]], (BEHIND, None), [True, True]),
+        ([[0, 0, 0.5], [0.1, 0, 0.5]], (NONE[0], BOARD), [False, True]),  # static
+    ],
+)
+def test_a_fruit_outside_the_cone_or_far_or_hidden_is_not_missed(
+    places: list[list[float]], hiding: tuple[FloatArray, Any], wanted: list[bool]
+) -> None:
+    look, radii = Look(0.0, Pose(), (), 1.0), np.full(len(places), 0.02)
+    assert visible(look, np.array(places, dtype=float), radii, 0.8, hiding).tolist() == wanted

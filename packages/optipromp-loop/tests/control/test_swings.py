@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from tests.control.plants import RADIUS, UP, Eye, empty, look, nearest, swaying
 
-from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.arrays import frame_along
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.objects import SceneObject, Stem
@@ -15,17 +15,12 @@ from optipromp_loop.control.tracks import Frame, Track, TrackerParameters, new_t
 from optipromp_sim.generate.generator import generate
 
 
-def camera_axes(up: FloatArray) -> FloatArray:
-    """(2, 3) horizontal unit vectors across each other."""
-    return np.asarray(frame_along(up).T[:2])
-
-
 def hung() -> Track:
     """The track of a fruit on an upright stem of 0.15 m."""
     seen = SceneObject("a", "target", Sphere(RADIUS), np.zeros(3), sigma=0.005)
     tall = Stem.along(np.zeros(3), UP, 0.15)
     frame = Frame(UP, np.eye(3)[:2])
-    return new_track("a", replace(seen, stem=tall), np.eye(3), None, frame)
+    return new_track("a", replace(seen, stem=tall), None, frame)
 
 
 def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
@@ -81,7 +76,7 @@ def test_fruits_swing_in_the_simulation_as_their_tracks_say() -> None:
         run.step(run.reference)
         places.append(run.fruits().positions[:2])
     moved, fruits = np.array(places)[400:], run.fruits()
-    frame, objects = Frame(scene.up, camera_axes(scene.up)), {o.id: o for o in scene.objects}
+    frame, objects = Frame(scene.up, frame_along(scene.up).T[:2]), {o.id: o for o in scene.objects}
     for row, name in enumerate(fruits.ids[:2]):
         off = moved[:, row] - moved[-1000:, row].mean(axis=0)
         along = off @ np.linalg.svd(off, full_matrices=False)[2][0]
@@ -89,5 +84,5 @@ def test_fruits_swing_in_the_simulation_as_their_tracks_say() -> None:
         assert len(rises) > 2
         measured = 1.0 / (np.diff(rises).mean() * run.tick)  # [Hz]
         seen = replace(objects[name], covariance=1e-6 * np.eye(3))
-        omega, _ = new_track(name, seen, np.eye(3), None, frame).swing(TrackerParameters())
+        omega, _ = new_track(name, seen, None, frame).swing(TrackerParameters())
         assert omega / (2.0 * np.pi) == pytest.approx(measured, rel=0.15)

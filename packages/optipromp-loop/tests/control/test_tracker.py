@@ -21,6 +21,11 @@ STILL = TrackerParameters(sway=0.0, swing=0.0, drift=0.0, steady=0.0)
 LATENCY = 0.06
 
 
+def squares(off: FloatArray, covariance: FloatArray) -> FloatArray:
+    """(F,) normalised squares of errors (F, 3)."""
+    return (off * np.linalg.solve(covariance, off[..., None])[..., 0]).sum(axis=1)
+
+
 def errors(seed: int, frequencies: FloatArray) -> FloatArray:
     """Errors of predicted positions from 2 to 6 s, with the latency [m]."""
     rng = np.random.default_rng(seed)
@@ -65,16 +70,14 @@ def test_a_sway_seen_for_long_is_foreseen() -> None:
 
 def test_innovations_and_rests_are_consistent_on_a_still_plant() -> None:
     """Noise as stated, nothing moves: mean NIS and mean NEES are in their 95 % bands."""
-    rng, plant, squares, every = np.random.default_rng(1), still(6), [], []
+    rng, plant, found, every = np.random.default_rng(1), still(6), [], []
     for _ in range(40):
         tracker = Tracker(empty(), STILL)
         for each in looks(plant, rng, Eye(), 0.75):
             tracker.add(each)
         tracked = tracker.at(0.75)
         rows, _ = nearest(tracked, plant.rest)
-        off = tracked.rest[rows] - plant.rest
-        solved = np.linalg.solve(tracked.rest_covariance[rows], off[..., None])[..., 0]
-        squares.append((off * solved).sum(axis=1))
+        found.append(squares(tracked.rest[rows] - plant.rest, tracked.rest_covariance[rows]))
         every.append(tracker.statistics)
     whole = Innovations(
         np.concatenate([one.times for one in every]),
@@ -86,12 +89,12 @@ def test_innovations_and_rests_are_consistent_on_a_still_plant() -> None:
     assert high - low < 0.25
     assert len(whole.squares) > 0.99 * 40 * 6 * 14
     deviation = np.sqrt(2 * 3 / (6 * 40))
-    assert abs(np.mean(squares) - 3.0) < 1.96 * deviation
+    assert abs(np.mean(found) - 3.0) < 1.96 * deviation
 
 
 def test_a_steady_share_of_the_error_stays_in_the_covariance() -> None:
     """A bias of 30 % of the variance: NIS fits, and the reported covariance covers the bias."""
-    rng, plant, squares = np.random.default_rng(8), still(6), []
+    rng, plant, found = np.random.default_rng(8), still(6), []
     given = TrackerParameters(sway=0.0, swing=0.0, drift=0.0)
     white = Eye(noise=0.005 * np.sqrt(0.7))
     for _ in range(12):
@@ -107,23 +110,19 @@ def test_a_steady_share_of_the_error_stays_in_the_covariance() -> None:
         assert tracker.statistics.consistent(0.999)[3]
         tracked = tracker.at(1.5)
         rows, _ = nearest(tracked, plant.rest)
-        off = tracked.rest[rows] - plant.rest
-        solved = np.linalg.solve(tracked.rest_covariance[rows], off[..., None])[..., 0]
-        squares.append((off * solved).sum(axis=1))
-    assert abs(np.mean(squares) - 3.0) < 1.96 * np.sqrt(2 * 3 / 72)
+        found.append(squares(tracked.rest[rows] - plant.rest, tracked.rest_covariance[rows]))
+    assert abs(np.mean(found) - 3.0) < 1.96 * np.sqrt(2 * 3 / 72)
 
 
 def test_covariances_of_a_moving_plant_cover_the_errors() -> None:
     rng = np.random.default_rng(9)
     plant = swaying(rng, 8, 0.020, np.array([0.4, 0.9, 1.5]))
-    tracker, squares = Tracker(empty()), []
+    tracker, found = Tracker(empty()), []
     for each in looks(plant, rng, FIELD, 5.0):
         tracker.add(each)
         if each.time > 2.0:
             tracked = tracker.at(each.time + LATENCY)
             truth = plant.at(each.time + LATENCY)
             rows, _ = nearest(tracked, truth)
-            off = tracked.positions[rows] - truth
-            solved = np.linalg.solve(tracked.covariance[rows], off[..., None])[..., 0]
-            squares.append((off * solved).sum(axis=1))
-    assert 0.3 < np.mean(squares) < 3.5
+            found.append(squares(tracked.positions[rows] - truth, tracked.covariance[rows]))
+    assert 0.3 < np.mean(found) < 3.5

@@ -1,5 +1,6 @@
 """What an FR3 would abort: one motion that is allowed, and one that breaks each condition."""
 
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +18,10 @@ from optipromp_loop.control.fr3 import Foreseen, foreseen
 PANDA = load_robot("panda")
 URDF = Path(optipromp.__file__).parent / "core/robots/data/panda.urdf"
 UP = np.array([0.0, 0.0, 1.0])
+STILL = np.zeros(7)
 MIDDLE = np.array([0.3, -0.2, 0.1, -1.9, 0.1, 1.7, 0.6])
 VELOCITY, ACCELERATION = "joint_velocity_violation", "joint_motion_generator_velocity_discontinuity"
 JERK = "joint_motion_generator_acceleration_discontinuity"
-
-
-def still() -> FloatArray:
-    return np.zeros(7)
 
 
 def of(joint: int, value: float) -> FloatArray:
@@ -37,7 +35,17 @@ def rows(*states: tuple[float, FloatArray, FloatArray, FloatArray]) -> Trajector
 
 
 def step(by: FloatArray, duration: float, begin: FloatArray = MIDDLE) -> Trajectory:
-    return rows((0.0, begin, still(), still()), (duration, begin + by, still(), still()))
+    return rows((0.0, begin, STILL, STILL), (duration, begin + by, STILL, STILL))
+
+
+def jerked(joint: int, q: FloatArray, *accelerations: float) -> Trajectory:
+    """Of a joint from rest at ``q``: accelerations after each millisecond, linear in between."""
+    states, v = [(0.0, q, STILL, STILL)], STILL
+    for k, (before, after) in enumerate(pairwise((0.0, *accelerations))):
+        q = q + 0.001 * v + of(joint, 1e-6 * (before / 3.0 + after / 6.0))
+        v = v + of(joint, 0.0005 * (before + after))
+        states.append((0.001 * (k + 1), q, v, of(joint, after)))
+    return rows(*states)
 
 
 def at_speed(joint: int, q: float, speed: float) -> Trajectory:
@@ -45,7 +53,7 @@ def at_speed(joint: int, q: float, speed: float) -> Trajectory:
     begin = np.array(MIDDLE)
     begin[joint - 1] = q - 0.01 * speed
     moves = of(joint, speed)
-    return rows((0.0, begin, moves, still()), (0.02, begin + 0.02 * moves, moves, still()))
+    return rows((0.0, begin, moves, STILL), (0.02, begin + 0.02 * moves, moves, STILL))
 
 
 def told(curve: Trajectory) -> Foreseen:
@@ -119,12 +127,7 @@ def test_an_acceleration_beyond_the_limit() -> None:
 def test_a_jerk_beyond_the_limit() -> None:
     """The acceleration rises to 6 rad/s^2 within 1 ms: 6,000 rad/s^3."""
     for a, expected in ((4.0, set()), (6.0, {(JERK, "joint7")})):
-        states, q, v = [(0.0, MIDDLE, still(), still())], MIDDLE, still()
-        for k, (before, after) in enumerate([(0.0, a), (a, a), (a, 0.0)]):
-            q = q + 0.001 * v + of(7, 1e-6 * (before / 3.0 + after / 6.0))
-            v = v + of(7, 0.0005 * (before + after))
-            states.append((0.001 * (k + 1), q, v, of(7, after)))
-        assert kinds(rows(*states)) == expected
+        assert kinds(jerked(7, MIDDLE, a, a, 0.0)) == expected
 
 
 def test_a_torque_beyond_the_limit() -> None:
@@ -141,12 +144,7 @@ def test_a_torque_beyond_the_limit() -> None:
 def test_a_torque_that_changes_too_fast() -> None:
     """4,000 rad/s^3 at joint 2 is within its limit; the torque's rate is not."""
     stretched = np.array([0.0, 1.2, 0.0, -0.2, 0.0, 1.8, 0.0])
-    states, q, v = [(0.0, stretched, still(), still())], stretched, still()
-    for k, (before, after) in enumerate([(0.0, 4.0), (4.0, 4.0), (4.0, 0.0), (0.0, 0.0)]):
-        q = q + 0.001 * v + of(2, 1e-6 * (before / 3.0 + after / 6.0))
-        v = v + of(2, 0.0005 * (before + after))
-        states.append((0.001 * (k + 1), q, v, of(2, after)))
-    found = kinds(rows(*states))
+    found = kinds(jerked(2, stretched, 4.0, 4.0, 0.0, 0.0))
     assert ("controller_torque_discontinuity", "joint2") in found
     assert JERK not in {kind for kind, _ in found}
 

@@ -1,24 +1,23 @@
-"""The adapters of the Franka arm, with stand-ins for the makers' modules: no arm is at hand.
+"""The adapter of a Franka arm by panda-python, with a stand-in for its modules: no arm is at hand.
 
-The stand-ins have the names and signatures of panda-python 1.1 and franky-control 2.0, and an arm
-that is where it is asked to be. Where the real packages are installed, the names are compared.
+The stand-in has the names and signatures of panda-python 1.1, and an arm that is where it is asked
+to be. Where the real packages are installed, the names are compared. The adapter by franky has a
+real libfranka and a simulated arm: ``tests/franka``.
 """
 
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.errors import ExecutionError
 from optipromp.core.execution import Executor, Guard
 from optipromp.core.execution.contract import ExecutorContract
 from optipromp.core.robots.library import load_robot
-from optipromp_loop.control import Franky, PandaPy
+from optipromp_loop.control import PandaPy
 
 HOME = load_robot("panda").home
 BUSY = Guard(late=2.0)  # a machine that runs other tests may let a tick wait
@@ -29,7 +28,6 @@ class IdealArm:
 
     def __init__(self) -> None:
         self.q, self.dq, self.calls = np.array(HOME), np.zeros(7), list[str]()
-        self.ordinary = False  # the kernel of its computer
 
     def ask(self, q: Any, dq: Any = None) -> None:
         self.q, self.dq = np.array(q), np.zeros(7) if dq is None else np.array(dq)
@@ -86,66 +84,15 @@ def panda_py(arm: IdealArm) -> dict[str, ModuleType]:
     return {"panda_py": module, "panda_py.controllers": controllers}
 
 
-def franky(arm: IdealArm) -> dict[str, ModuleType]:
-    """The module ``franky``."""
-
-    class Robot:
-        def __init__(self, fci_hostname: str, realtime_config: Any = "Enforce") -> None:
-            arm.calls.append(fci_hostname)
-            if realtime_config == "Enforce" and arm.ordinary:
-                raise RealtimeException("the kernel has no real-time capabilities")
-            if fci_hostname == "silent.local":
-                time.sleep(60.0)
-
-        @property
-        def state(self) -> Any:
-            return arm.read()
-
-    class JointImpedanceTracker:
-        def __init__(self, robot: Robot, *, stiffness: Any, damping: Any, period: float) -> None:
-            self.context = Context(arm, 1.0 / period)
-            arm.calls.append("start")
-
-        def __enter__(self) -> "JointImpedanceTracker":
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            arm.calls.append("stop")
-
-        def tick(self) -> float | None:
-            return self.context.period if self.context.ok() else None
-
-        def set_target(self, q: Any, dq: Any = None, tau_ff: Any = None) -> None:
-            arm.ask(q, dq)
-
-    module = ModuleType("franky")
-    module.Robot = Robot  # type: ignore[attr-defined]
-    module.JointImpedanceTracker = JointImpedanceTracker  # type: ignore[attr-defined]
-    return {"franky": module}
-
-
-@contextmanager
-def standing_in(modules: dict[str, ModuleType]) -> Iterator[None]:
-    before = {name: sys.modules.get(name) for name in modules}
-    sys.modules.update(modules)
-    try:
-        yield
-    finally:
-        for name, module in before.items():
-            sys.modules.pop(name)
-            if module is not None:
-                sys.modules[name] = module
-
-
-class Adapter(ExecutorContract):
+class TestPandaPy(ExecutorContract):
     duration = 0.6
-
-    def make(self, arm: IdealArm) -> Executor:
-        raise NotImplementedError
 
     def executor(self) -> Executor:
         self.arm = IdealArm()
-        return self.make(self.arm)
+        with pytest.MonkeyPatch.context() as patch:
+            for name, module in panda_py(self.arm).items():
+                patch.setitem(sys.modules, name, module)
+            return PandaPy("arm.local", guard=BUSY)
 
     def test_control_is_taken_for_each_curve_and_given_back(self) -> None:
         executor = self.executor()
@@ -164,51 +111,6 @@ class Adapter(ExecutorContract):
             executor.execute(self.curve(executor), broken)
         assert self.arm.calls[-1] == "stop"
         assert executor.execute(self.curve(executor)).finished
-
-
-class TestPandaPy(Adapter):
-    def make(self, arm: IdealArm) -> Executor:
-        with standing_in(panda_py(arm)):
-            return PandaPy("arm.local", guard=BUSY)
-
-
-class RealtimeException(Exception):  # noqa: N818
-    """As franky's."""
-
-
-class TestFranky(Adapter):
-    def make(self, arm: IdealArm) -> Executor:
-        with standing_in(franky(arm)):
-            return Franky("arm.local", guard=BUSY)
-
-    def test_an_ordinary_kernel_connects_where_it_is_told_to(self) -> None:
-        arm = IdealArm()
-        arm.ordinary = True
-        with pytest.raises(InvalidRequestError, match=r"RealtimeConfig\.Ignore connects"):
-            self.make(arm)
-        with standing_in(franky(arm)):
-            assert Franky("arm.local", realtime_config="Ignore").state().q.shape == (7,)
-
-    def test_after_it_is_closed_nothing_can_be_asked(self) -> None:
-        with standing_in(franky(IdealArm())), Franky("arm.local") as arm:
-            curve = self.curve(arm)
-        with pytest.raises(ExecutionError, match="the connection to the arm is closed"):
-            arm.state()
-        with pytest.raises(ExecutionError, match=r"closed.*the arm has not moved"):
-            arm.execute(curve)
-
-    def test_an_arm_that_does_not_answer_is_not_waited_for(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
-        monkeypatch.setattr("optipromp_loop.control.franka.CONNECT", 0.1)
-        with (
-            standing_in(franky(IdealArm())),
-            pytest.raises(ExecutionError, match="is another connection to it open"),
-        ):
-            Franky("silent.local")
-
-
-del Adapter  # only its subclasses are tests
 
 
 def test_the_names_are_those_of_panda_python() -> None:
@@ -231,4 +133,4 @@ def test_the_names_are_those_of_franky() -> None:
         assert hasattr(module.RobotState, name)
     assert hasattr(module.Duration, "to_sec")
     assert "realtime_config" in module.Robot.__init__.__doc__
-    assert module.RealtimeException.__name__ == RealtimeException.__name__
+    assert issubclass(module.RealtimeException, Exception)

@@ -109,9 +109,12 @@ def test_an_ordinary_kernel_is_told_what_to_do() -> None:
 
 def test_a_closed_connection_leaves_the_arm_to_the_next(reflexes: list[str]) -> None:
     first = connected()
+    curve = step(first, 0.05)
     first.close()
     with pytest.raises(ExecutionError, match="closed"):
         first.state()
+    with pytest.raises(ExecutionError, match=r"closed.*the arm has not moved"):
+        first.execute(curve)
     with connected() as second:
         assert second.state().q.shape == (7,)
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Box, Sphere
 from optipromp.core.judging import RATES, extremes, judge
@@ -28,6 +28,8 @@ from optipromp_loop.guard.motion import Change, fastest, later, nearest, stoppin
 from optipromp_sim.generate import generate
 
 PERIOD = GuardParameters.period
+HOME = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+FREE = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
 Policy = Callable[[int, State], FloatArray]
 
 
@@ -77,9 +79,7 @@ def wild_policy(seed: int, robot: Robot, strength: float) -> Policy:
 def walled(seed: int) -> Scene:
     """The arm among boxes that stand and boxes to avoid, none of which it touches at first."""
     rng = np.random.default_rng(seed)
-    robot, start = posed(
-        Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    )
+    robot, start = posed(FREE)
     spheres, radius = robot.sphere_centers(start.q), robot.spheres.radius
     items: list[SceneObject] = []
     while len(items) < 8:
@@ -87,10 +87,7 @@ def walled(seed: int) -> Scene:
         if (np.linalg.norm(spheres - place, axis=1) > radius + np.linalg.norm(size)).all():
             role = "static" if len(items) % 2 else "avoid"
             items.append(SceneObject(f"box{len(items)}", role, Box(tuple(size)), place))
-    return Scene(name="walled", robot="panda", goal=JointGoal(np.array(HOME)), objects=tuple(items))
-
-
-HOME = [0.0, -0.785, 0.0, -2.356, 0.0, 1.571, 0.785]
+    return replace(FREE, objects=tuple(items))
 
 
 @given(seed=st.integers(0, 10_000), strength=st.sampled_from([0.1, 0.5, 1.0, 2.0]))
@@ -107,29 +104,36 @@ def test_no_policy_breaks_a_limit_or_touches_what_stands(seed: int, strength: fl
 @given(seed=st.integers(0, 10_000), jerk=st.sampled_from([0.003, 0.03, np.inf]))
 @settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_limits_hold_for_arms_of_little_and_of_any_jerk(seed: int, jerk: float) -> None:
-    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    robot, start = posed(scene)
+    robot, start = posed(FREE)
     robot = replace(robot, jerk=robot.jerk * jerk)
-    motion, _ = driven(Guard(scene, robot), start, wild_policy(seed, robot, 1.0), 120)
-    assert_within(scene, robot, motion, start)
+    motion, _ = driven(Guard(FREE, robot), start, wild_policy(seed, robot, 1.0), 120)
+    assert_within(FREE, robot, motion, start)
 
 
 def test_a_wish_that_harms_nothing_is_executed_to_the_bit() -> None:
-    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    _, start = posed(scene)
+    _, start = posed(FREE)
     wish = np.array([0.05, -0.02, 0.0, 0.03, 0.0, 0.1, -0.1])
-    _, told = driven(Guard(scene), start, lambda k, state: wish, 10)
+    _, told = driven(Guard(FREE), start, lambda k, state: wish, 10)
     assert not any(safe.acted for safe in told)
     assert (told[-1].velocity == wish).all()
 
 
+def before_a_wall(room: float) -> tuple[Scene, Robot, State]:
+    """A wall before the arm, so far from its foremost sphere [m]."""
+    robot, start = posed(FREE)
+    wall = SceneObject(
+        "wall", "static", Box((0.02, 4.0, 4.0)), [foremost(robot, start.q) + room + 0.01, 0, 0]
+    )
+    return replace(FREE, objects=(wall,)), robot, start
+
+
+def foremost(robot: Robot, q: FloatArray) -> float:
+    return float((robot.sphere_centers(q)[:, 0] + robot.spheres.radius).max())
+
+
 def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
-    free = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    robot, start = posed(free)
+    scene, robot, start = before_a_wall(0.04)
     point, _ = robot.tool_pose(start.q)
-    away = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max()) + 0.05
-    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([away, 0.0, 0.0]))
-    scene = replace(free, objects=(wall,))
 
     def into(k: int, state: State) -> FloatArray:
         return joints_for(robot, state.q, np.array([0.2, 0.1, 0.0]))
@@ -142,33 +146,60 @@ def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
 
 
 def test_an_arm_that_touches_something_at_first_may_leave_it() -> None:
-    free = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    robot, start = posed(free)
-    edge = float((robot.sphere_centers(start.q)[:, 0] + robot.spheres.radius).max())
-    wall = SceneObject("wall", "static", Box((0.02, 4.0, 4.0)), np.array([edge, 0.0, 0.0]))
-    scene = replace(free, objects=(wall,))
+    scene, robot, start = before_a_wall(-0.01)
     guard = Guard(scene)
     safe = guard(joints_for(robot, start.q, np.array([0.1, 0.0, 0.0])), start)
     assert safe.acted  # not deeper
     motion, _ = driven(
         guard, safe.reference, lambda k, s: joints_for(robot, s.q, np.array([-0.2, 0.0, 0.0])), 50
     )
-    spheres = robot.sphere_centers(motion.positions[-1])[:, 0] + robot.spheres.radius
-    assert spheres.max() < edge - 0.02
+    assert foremost(robot, motion.positions[-1]) < foremost(robot, start.q) - 0.02
+
+
+def test_looks_do_not_let_the_arm_come_ever_nearer(cluster: Scene) -> None:
+    """Each look moves a fruit, so the scene is another one each time."""
+    scene, robot, start = before_a_wall(0.0025)
+    guard = Guard(scene)
+    state, (fruit,), places = start, cluster.pushables, set[tuple[float, ...]]()
+    for k in range(400):
+        by = np.array([0.0, 0.01 * (k // 20 % 2), 0.0])
+        looks = [shown(PERIOD * k, fruit.shifted(by))] if k % 2 == 0 else ()
+        state = guard(joints_for(robot, state.q, np.array([5e-4, 0, 0])), state, looks).reference
+        places |= {tuple(o.position) for o in guard.scene.objects}
+    away = foremost(robot, start.q) + 0.0025 - foremost(robot, state.q)
+    assert len(places) > 20
+    assert 0.00199 < away < 0.0021
 
 
 def test_a_policy_that_gives_no_number_stops_the_arm() -> None:
-    scene = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOME)))
-    _, start = posed(scene)
+    _, start = posed(FREE)
     motion, told = driven(
-        Guard(scene), start, lambda k, s: np.full(7, 0.3 if k < 20 else np.nan), 60
+        Guard(FREE), start, lambda k, s: np.full(7, 0.3 if k < 20 else np.nan), 60
     )
     assert told[-1].reason == "the action is not finite"
     assert (motion.velocities[-5:] == 0.0).all()
-    with pytest.raises(InvalidRequestError, match=r"action has shape \(3,\): must be \(7,\)"):
-        Guard(scene)(np.zeros(3), start)
-    with pytest.raises(InvalidRequestError, match="state has 3 joints; panda has 7"):
-        Guard(scene)(np.zeros(7), State(np.zeros(3)))
+
+
+def test_what_a_caller_gives_wrongly_is_told_and_the_next_call_goes_on() -> None:
+    guard, still, state = Guard(FREE), np.zeros(7), State(np.array(HOME))
+    short, other = State(np.zeros(3)), "must be of"
+    for _ in range(2):  # also while a curve runs
+        for wrong, words in (
+            ((np.zeros(3), state), r"action has shape \(3,\): must be \(7,\)"),
+            (({"x": 1.0}, state), r"action is \{'x': 1.0\}: must be \(7,\)"),
+            ((None, state), r"action has shape \(\): must be \(7,\)"),
+            ((still, short), "state has 3 joints; panda has 7"),
+            ((still, None), f"state is None: {other} State"),
+            ((still, state, None), f"looks is None: {other} Iterable"),
+            ((still, state, [1]), f"a look is 1: {other} Look"),
+            ((still, state, (), np.nan), "time is nan: must be finite"),
+        ):
+            with pytest.raises(InvalidRequestError, match=words):
+                guard(*wrong)
+        assert not guard(still, state).acted
+    for tool, words in (((np.zeros(2), state), "linear has"), ((still[:3], short), "state has 3")):
+        with pytest.raises(InvalidRequestError, match=words):
+            guard.tool(*tool)
 
 
 def test_a_change_of_velocity_is_as_short_as_the_limits_allow() -> None:
@@ -213,6 +244,26 @@ def test_a_joint_stops_within_the_room_for_which_it_is_fast() -> None:
 # -- fruits
 
 
+def following(curve: Trajectory) -> Policy:
+    def follow(k: int, state: State) -> FloatArray:
+        (q,), (velocity,), _ = curve.sample(min((k + 1) * PERIOD, curve.duration))
+        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
+
+    return follow
+
+
+def across_a_stem(robot: Robot, fruit: SceneObject) -> Policy:
+    """Up to a fruit within 4 s, and 0.3 m farther."""
+    beyond = fruit.position + np.array([0.0, 0.3, 0.03])
+
+    def across(k: int, state: State) -> FloatArray:
+        point, axis = robot.tool_pose(state.q)
+        by = beyond - np.array([0.0, 0.3 * (k < 200), 0.0]) - point
+        return joints_for(robot, state.q, 0.09 * by / max(float(np.linalg.norm(by)), 0.05), axis)
+
+    return across
+
+
 @pytest.fixture(scope="module")
 def cluster() -> Scene:
     return generate("cluster", 7)
@@ -223,12 +274,8 @@ def test_a_plan_of_ours_passes_and_the_same_path_through_a_fruit_does_not(cluste
     assert made.success
     robot, curve = made.robot, made.trajectory
 
-    def follow(k: int, state: State) -> FloatArray:
-        (q,), (velocity,), _ = curve.sample(min((k + 1) * PERIOD, curve.duration))
-        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
-
     steps = int(curve.duration / PERIOD) + 50
-    motion, told = driven(Guard(cluster), made.task.state, follow, steps)
+    motion, told = driven(Guard(cluster), made.task.state, following(curve), steps)
     assert np.mean([safe.acted for safe in told]) < 0.05
     assert cluster.target is not None
     end, _ = robot.tool_pose(motion.positions[-1])
@@ -238,13 +285,7 @@ def test_a_plan_of_ours_passes_and_the_same_path_through_a_fruit_does_not(cluste
 def test_a_sweep_across_a_stem_harms_less_than_it_would(cluster: Scene) -> None:
     made = plan(cluster, seed=1)
     robot, (fruit,) = made.robot, cluster.pushables
-    beyond = fruit.position + np.array([0.0, 0.3, 0.03])
-
-    def across(k: int, state: State) -> FloatArray:
-        point, axis = robot.tool_pose(state.q)
-        by = beyond - np.array([0.0, 0.3 * (k < 200), 0.0]) - point
-        return joints_for(robot, state.q, 0.09 * by / max(float(np.linalg.norm(by)), 0.05), axis)
-
+    across = across_a_stem(robot, fruit)
     model = made.task.push_model(made.task.start)
     assert isinstance(model, Hanging)
 
@@ -268,11 +309,8 @@ def test_the_tool_is_slow_among_fruits(cluster: Scene) -> None:
     made = plan(cluster, seed=1)
     robot, fast = made.robot, made.trajectory.slowed(0.4)
 
-    def follow(k: int, state: State) -> FloatArray:
-        (q,), (velocity,), _ = fast.sample(min((k + 1) * PERIOD, fast.duration))
-        return np.asarray(velocity + 2.0 * (q - state.q - PERIOD * state.velocity))
-
-    motion, told = driven(Guard(cluster), made.task.state, follow, int(fast.duration / PERIOD))
+    steps = int(fast.duration / PERIOD)
+    motion, told = driven(Guard(cluster), made.task.state, following(fast), steps)
     judged = judge(cluster, robot, motion, made.task.state)
     assert not [v for v in judged.violations if v.kind == "speed"]
     assert any("m/s among fruits" in safe.reason for safe in told)
@@ -312,21 +350,68 @@ def test_nothing_comes_near_the_root_of_a_stem(cluster: Scene) -> None:
     assert "tool would touch ripe/root" in {one.reason for one in told}
 
 
+def shown(time: float, *items: SceneObject) -> Look:
+    """A look at items in the base frame, known to 1 mm."""
+    eye = Pose(np.array([0.5, -0.3, -0.2]), np.eye(3))
+    known = [replace(item, covariance=1e-6 * np.eye(3), stem=None) for item in items]
+    return Look(time, eye, tuple(item.transformed(eye.inverse()) for item in known), view=3.0)
+
+
 def test_looks_move_the_fruits_that_the_guard_knows(cluster: Scene) -> None:
     _, start = posed(cluster)
     guard, by = Guard(cluster), np.array([0.0, 0.02, 0.0])
-    seen = tuple(
-        replace(item, position=item.position + by, covariance=1e-6 * np.eye(3), stem=None)
-        for item in cluster.objects
-    )
-    eye = Pose(np.array([0.5, 0.0, -0.2]), np.eye(3))
-    turned = tuple(replace(item, position=eye.rotation.T @ (item.position - eye.position))
-                   for item in seen)  # fmt: skip
     for k in range(30):
-        guard(np.zeros(7), start, [Look(0.1 * k, eye, turned, view=3.0)])
+        guard(np.zeros(7), start, [shown(0.1 * k, *(o.shifted(by) for o in cluster.objects))])
     assert guard.scene.target is not None
     assert cluster.target is not None
     assert guard.scene.target.position - cluster.target.position == pytest.approx(by, abs=0.005)
+
+
+def test_a_target_that_no_look_shows_stays_and_the_rest_is_seen(cluster: Scene) -> None:
+    """As behind the tool, or picked."""
+    guard, (_, start) = Guard(cluster), posed(cluster)
+    wire = SceneObject("wire", "avoid", Sphere(0.03), np.array([0.5, 0.1, 0.4]))
+    (moved,) = [fruit.shifted(np.array([0.0, 0.0, -0.02])) for fruit in cluster.pushables]
+    for k in range(40):
+        guard(np.zeros(7), start, [shown(0.1 * k, moved, wire)])
+    assert cluster.target is not None
+    assert guard.scene.target is not None
+    assert (guard.scene.target.position == cluster.target.position).all()
+    seen = {item.role: item.position for item in guard.scene.objects}
+    assert seen["avoid"] == pytest.approx(wire.position, abs=0.002)
+    assert seen["pushable"] == pytest.approx(moved.position, abs=0.002)
+
+
+def test_a_scene_with_a_goal_alone_takes_looks(cluster: Scene) -> None:
+    guard = Guard(FREE)
+    for k in range(3):
+        guard(np.zeros(7), State(HOME), [shown(0.1 * k, *cluster.pushables)])
+    assert [item.role for item in guard.scene.objects] == ["pushable"]
+
+
+def test_what_a_look_shows_during_a_push_is_not_touched(cluster: Scene) -> None:
+    made = plan(cluster, seed=1)
+    robot, (fruit,) = made.robot, cluster.pushables
+    across, guard = across_a_stem(robot, fruit), Guard(cluster)
+    state, items = made.task.state, list(cluster.objects)
+    behind, radius = ~robot.spheres.distal, 0.03
+    place, gaps = np.zeros(3), list[float]()
+
+    def gap(q: FloatArray, place: FloatArray) -> float:
+        away = lengths(robot.sphere_centers(q) - place) - robot.spheres.radius - radius
+        return float(away[behind].min())
+
+    for k in range(450):
+        wish = across(k, state)
+        if k == 230:  # the tool is among the fruits
+            now, soon = (robot.sphere_centers(q)[behind] for q in (state.q, state.q + wish))
+            far = int(np.argmax(lengths(soon - now)))
+            ways = now[far] + np.linspace(0.0, 0.5, 100)[:, None] * (soon - now)[far] / 0.09
+            place = next(each for each in ways if gap(state.q, each) > 0.02)
+            items.append(SceneObject("wire", "avoid", Sphere(radius), place))
+        state = guard(wish, state, [shown(PERIOD * k, *items)] if k % 4 == 0 else ()).reference
+        gaps += [gap(state.q, place)] if k >= 230 else []
+    assert 0.001 < min(gaps) < 0.01
 
 
 def test_the_same_actions_give_the_same_motion(cluster: Scene) -> None:

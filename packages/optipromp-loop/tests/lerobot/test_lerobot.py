@@ -1,6 +1,7 @@
 """LeRobot's own classes with the closed loop as a policy and with the guard as a step."""
 
 import site
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.configs.types import PolicyFeature
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 from lerobot.policies.pretrained import PreTrainedPolicy
-from lerobot.processor import ProcessorStepRegistry, RobotProcessorPipeline
+from lerobot.processor import ProcessorStepRegistry, RobotProcessorPipeline, TransitionKey
 from lerobot.processor.converters import (
     robot_action_observation_to_transition,
     transition_to_robot_action,
@@ -27,6 +28,7 @@ from optipromp.core.scenes.goals import JointGoal
 from optipromp.core.scenes.look import Look
 from optipromp_bench.env import SPEED, PickEnv
 from optipromp_bench.episode import Episode
+from optipromp_loop.guard import Guard
 from optipromp_loop.lerobot import (
     FRUITS,
     GuardStep,
@@ -194,6 +196,26 @@ def test_the_guard_is_a_step_of_a_robots_pipeline(arm: str) -> None:
     assert np.ptp(sent, axis=0).max() > 0.05  # it moves
     with pytest.raises(InvalidRequestError, match="the action lacks"):
         pipeline(({"gripper.pos": 1.0}, {}))
+
+
+def test_a_position_that_is_asked_for_within_a_turn_is_the_near_one() -> None:
+    step = GuardStep(commands="positions")
+    step.use(free("panda"))
+    robot = step.guard.robot
+    lower, upper = robot.lower.copy(), robot.upper.copy()
+    lower[6], upper[6] = -np.inf, np.inf
+    step.guard = Guard(free("panda"), replace(robot, lower=lower, upper=upper))
+    names, q = step.names(robot), robot.home.copy()
+    q[6] = np.pi - 0.05
+    for _ in range(60):
+        asked = [*q[:6], (q[6] + 0.006 + np.pi) % (2.0 * np.pi) - np.pi]
+        seen = {name: float(v) for name, v in zip(names, q, strict=True)}
+        action = {name: float(v) for name, v in zip(names, asked, strict=True)}
+        out = step({TransitionKey.OBSERVATION: seen, TransitionKey.ACTION: action})
+        there = np.array([out[TransitionKey.ACTION][name] for name in names])
+        assert np.abs(there - q).max() < 0.007
+        q = there
+    assert q[6] > np.pi + 0.1
 
 
 def test_a_pipeline_with_the_guard_is_saved_and_loaded(tmp_path: Path) -> None:

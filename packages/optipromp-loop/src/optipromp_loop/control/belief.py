@@ -15,7 +15,6 @@ from optipromp.core.geometry.distances import distances
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import SceneObject
-from optipromp.core.scenes.pose import Pose
 from optipromp_loop.control.motion import Layout, Oscillators, PlantState
 from optipromp_loop.control.tracks import (
     Frame,
@@ -50,7 +49,7 @@ def pairing(
     tracks: tuple[Track, ...],
     seen: Seen,
     parameters: TrackerParameters,
-    looked_at: BoolArray | None = None,
+    looked_at: BoolArray,
 ) -> Pairing:
     """The pairs of least total cost within the gate, then those of least distance.
 
@@ -63,7 +62,7 @@ def pairing(
     ``noise``: (F, D, 3, 3) covariance of the error of each pair [m²]. ``tracks``: F tracks.
     ``seen``: D detections. ``parameters``: of the tracker. ``looked_at``: (F,) tracks that the look
     should have seen. One of these that has no detection takes one of its role from as far as
-    ``parameters.jump``. None: all others as near.
+    ``parameters.jump``.
     """
     count, found = len(tracks), len(seen.items)
     if not count or not found:
@@ -93,10 +92,8 @@ def pairing(
     close = near <= parameters.near
     free = np.ones(found, dtype=bool)
     free[list(pairs.values())] = False
-    jumps = close & free
-    if looked_at is not None:
-        alike = target_of(tracks)[:, None] == wanted
-        jumps |= (near <= parameters.jump) & alike & looked_at[:, None] & free
+    alike = target_of(tracks)[:, None] == wanted
+    jumps = (close | (near <= parameters.jump) & alike & looked_at[:, None]) & free
     jumps[list(pairs)] = False
     every = np.arange(count), np.arange(found)
     moved = _cheapest(np.where(jumps, near, _FAR), jumps, *every)
@@ -264,15 +261,8 @@ class LookRecord:
 def first_belief(state: PlantState, first: tuple[SceneObject, ...], world: Setting) -> Belief:
     """The belief before any look: ``first`` objects, seen at an unknown earlier time."""
     given = world.parameters
-    identity = np.eye(3)
-    tracks = tuple(
-        replace(
-            new_track(item.id, item, identity, None, world.frame),
-            confirmed=True,
-            existence=given.detected,
-        )
-        for item in first
-    )
+    begun = [new_track(item.id, item, None, world.frame) for item in first]
+    tracks = tuple(replace(one, confirmed=True, existence=given.detected) for one in begun)
     if tracks:
         across = world.frame.axes.T @ world.frame.axes * (given.sway**2 + given.swing**2)
         spread = [_white(track.spread, given) + across for track in tracks]
@@ -398,7 +388,7 @@ def _counted(
     world: Setting,
 ) -> tuple[Track, ...]:
     """The tracks with what the look tells of their existence, role, shape and stem."""
-    given, camera = world.parameters, event.seen.look.camera
+    given = world.parameters
     found = dict(zip(pairs.tracks.tolist(), pairs.detections.tolist(), strict=True))
     jumped = set(pairs.tracks[pairs.jumped].tolist())
     counted = []
@@ -406,7 +396,7 @@ def _counted(
         if k in found:
             item = event.seen.items[found[k]]
             jumps = track.jumps + 1 if k in jumped else 0
-            track = replace(_found(track, item, event, world, camera), jumps=jumps)
+            track = replace(_found(track, item, event, world), jumps=jumps)
         elif looked_at[k]:
             chance = track.existence * (1.0 - given.detected)
             track = replace(
@@ -421,9 +411,9 @@ def _counted(
     return tuple(counted)
 
 
-def _found(track: Track, item: SceneObject, event: Arrival, world: Setting, camera: Pose) -> Track:
+def _found(track: Track, item: SceneObject, event: Arrival, world: Setting) -> Track:
     given = world.parameters
-    new = new_track(track.id, item, event.seen.turn, camera.orientation, world.frame)
+    new = new_track(track.id, item, event.seen, world.frame)
     outcomes = (*track.outcomes, True)[-given.within :]
     confirmed = track.confirmed or sum(outcomes) >= given.confirm
     chance = track.existence * given.detected
@@ -478,10 +468,7 @@ def _renewed(
     for k in new.tolist():
         while f"fruit-{number}" in world.taken:
             number += 1
-        item, seen = event.seen.items[k], event.seen
-        track = new_track(
-            f"fruit-{number}", item, seen.turn, seen.look.camera.orientation, world.frame
-        )
+        track = new_track(f"fruit-{number}", event.seen.items[k], event.seen, world.frame)
         fresh.append(replace(track, confirmed=first, existence=existence, last_seen=event.time))
         number += 1
     if fresh:

@@ -46,11 +46,6 @@ class Tracked:
         rest: (F, 3) positions without sway, swing and push [m].
         rest_covariance: (F, 3, 3) [m²], with the same share.
         shapes: as last detected.
-        orientation: (F, 4) quaternions, as last detected.
-        stem_direction: (F, 3) unit vectors from the fruit to the root.
-        stem_deviation: (F,) standard deviation of the tilt about each of two axes [rad].
-        stem_seen: (F,) whether a look saw the stem; else it counts as upright.
-        stem_length: (F,) [m].
         existence: (F,) probability that there is a fruit.
         confirmed: (F,) whether the track counts as a fruit.
         last_seen: (F,) times [s].
@@ -65,15 +60,11 @@ class Tracked:
     rest: FloatArray
     rest_covariance: FloatArray
     shapes: tuple[Shape, ...]
-    orientation: FloatArray
-    stem_direction: FloatArray
-    stem_deviation: FloatArray
-    stem_seen: BoolArray
-    stem_length: FloatArray
     existence: FloatArray
     confirmed: BoolArray
     last_seen: FloatArray
     _belief: Belief = field(repr=False)
+    _world: Setting = field(repr=False)
 
     def sway(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """The predicted common displacement of the plant.
@@ -108,20 +99,15 @@ class Tracked:
 
     def objects(self) -> tuple[SceneObject, ...]:
         """The confirmed fruits at rest, each with its stem and the covariance of its rest."""
-        places, spread = self.rest, self.rest_covariance
-        return tuple(
-            SceneObject(
-                self.ids[k],
-                self.roles[k],
-                self.shapes[k],
-                places[k],
-                self.orientation[k],
-                Stem.along(places[k], self.stem_direction[k], float(self.stem_length[k])),
-                spread[k],
-                self._belief.tracks[k].physical,
-            )
-            for k in np.flatnonzero(self.confirmed).tolist()
-        )
+        out, frame = [], self._world.frame
+        for k in np.flatnonzero(self.confirmed).tolist():
+            track, place = self._belief.tracks[k], self.rest[k]
+            line = track.direction(frame.up, frame.axes)
+            stem = Stem.along(place, line, track.length(self._world.parameters))
+            spread, turn = self.rest_covariance[k], track.orientation
+            item = (track.id, self.roles[k], track.shape, place, turn, stem, spread, track.physical)
+            out.append(SceneObject(*item))
+        return tuple(out)
 
     def _ahead(self, times: FloatArray) -> FloatArray:
         ahead = np.asarray(times, dtype=np.float64) - self.time
@@ -140,7 +126,7 @@ def snapshot(
     ``pushed``: displacements (3,) of tracks by the arm at that time, by their ids [m]; None: those
     of the last look.
     """
-    given, frame = world.parameters, world.frame
+    given = world.parameters
     ahead = time - belief.time if belief.time > -np.inf else 0.0
     state = belief.state.after(max(ahead, 0.0), given.drift)
     tracks, layout = belief.tracks, state.layout
@@ -165,17 +151,11 @@ def snapshot(
         rest=read_only(state.mean[at]),
         rest_covariance=_even(rest + lasting),
         shapes=tuple(track.shape for track in tracks),
-        orientation=read_only(np.array([t.orientation for t in tracks]).reshape(-1, 4)),
-        stem_direction=read_only(
-            np.array([t.direction(frame.up, frame.axes) for t in tracks]).reshape(-1, 3)
-        ),
-        stem_deviation=read_only(np.array([t.deviation(given) for t in tracks])),
-        stem_seen=read_only(np.array([t.stems > 0 for t in tracks], dtype=bool)),
-        stem_length=read_only(np.array([t.length(given) for t in tracks])),
         existence=read_only(np.array([t.existence for t in tracks])),
         confirmed=read_only(np.array([t.confirmed for t in tracks], dtype=bool)),
         last_seen=read_only(np.array([t.last_seen for t in tracks])),
         _belief=Belief(time, state, tracks),
+        _world=world,
     )
 
 

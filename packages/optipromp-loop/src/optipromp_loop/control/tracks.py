@@ -39,9 +39,6 @@ class TrackerParameters(Checked):
     grain: float = parameter(0.0002, "m", "choice", "least error: keeps covariances regular")
     pushed_share: float = parameter(0.3, "1", "guess", "error of a predicted push over its length")
     pushed_least: float = parameter(0.002, "m", "guess", "least error of a predicted push")
-    stem_angle: float = parameter(7.0, "deg", "reported", "error of a seen stem's tilt; 6.4-8")
-    stem_floor: float = parameter(3.0, "deg", "guess", "least error of a tilt, however often seen")
-    stem_unseen: float = parameter(18.0, "deg", "measured", "tilt of stems never seen (StrawDI)")
     stem_length: float = parameter(0.15, "m", "guess", "of a stem whose length was never seen")
     gate: float = parameter(13.93, "1", "choice", "largest square of a match: 99.7 % of χ², of 3")
     conflict: float = parameter(4.0, "1", "choice", "square for a target matched with what is none")
@@ -142,14 +139,6 @@ class Track:
         angle = math.hypot(*tilt)
         return np.asarray(math.cos(angle) * up + np.sinc(angle / np.pi) * (tilt @ axes))
 
-    def deviation(self, parameters: TrackerParameters) -> float:
-        """Standard deviation of the stem's tilt about each of two axes [rad]."""
-        if not self.stems:
-            return math.radians(parameters.stem_unseen)
-        return math.radians(
-            max(parameters.stem_floor, parameters.stem_angle / math.sqrt(self.stems))
-        )
-
     def swing(self, parameters: TrackerParameters) -> tuple[float, float]:
         r"""Angular frequency [rad/s] and damping ratio of the swing.
 
@@ -168,17 +157,17 @@ class Track:
         return omega, min(zeta, 0.9)
 
 
-def new_track(
-    name: str, item: SceneObject, turn: FloatArray, camera: FloatArray | None, plant: "Frame"
-) -> Track:
+def new_track(name: str, item: SceneObject, seen: Seen | None, plant: "Frame") -> Track:
     """The track that a detection starts.
 
-    ``turn``: (3, 3) rotation of the detection's frame in the base. ``camera``: quaternion (4,) of
-    the same rotation; None: the identity. ``plant``: the vertical and the horizontal axes.
+    ``seen``: that it is of; None: it stands in the base frame. ``plant``: the vertical and the
+    horizontal axes.
     """
     if item.role not in ROLES:
         raise InvalidRequestError(f"object {item.id} has role {item.role}: must be a fruit's")
     vote = ROLES.index(item.role)
+    turn = np.eye(3) if seen is None else seen.turn
+    camera = None if seen is None else seen.look.camera.orientation
     tilt, length, stems = _stem(item, turn, plant)
     assert item.covariance is not None
     return Track(

@@ -8,30 +8,29 @@ and static objects hold by induction; harm is a prediction.
 """
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry import Sphere, distances
+from optipromp.core.geometry import distances
 from optipromp.core.judging import Overlap, clearances, extremes, refined, swept
-from optipromp.core.judging.clearance import pieces
 from optipromp.core.judging.speed import among_fruits, largest_speed
 from optipromp.core.parameters import Checked, parameter
-from optipromp.core.planning.task import Task, resolve, spaced, stands
-from optipromp.core.pushing.model import Combined, PushModel
+from optipromp.core.planning.task import resolve, spaced
+from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
-from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
-from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp_loop.control.driver import first_tracks, tracked_at_most, tracked_scene
+from optipromp.core.values import array
+from optipromp_loop.control.driver import first_tracks, tracked_at_most
 from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.control.tracks import TrackerParameters
 from optipromp_loop.guard.motion import (
@@ -43,7 +42,9 @@ from optipromp_loop.guard.motion import (
     sampled,
     stopping,
 )
+from optipromp_loop.guard.plant import Course, Plant, seen_scene, stays
 
+T = TypeVar("T")
 Kind = Literal["limits", "contact", "speed", "harm"]
 ROUNDING = 1e-9  # [rad or m; 1] of positions, and of shares of the other limits
 NEARLY = {"clearance_static": "what stands", "clearance_self": "another link"}
@@ -56,7 +57,6 @@ ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of 
 OUT = 2.0  # times the harm that may be, on the way in and out again: an emergency, a choice
 OUT_STATES = 4  # of the plant on the way out: a choice
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
-ROOT = 0.005  # [m] about the root of a stem: 2 N bend 5 mm of 150 MPa by 0.3 mm; a choice
 EVERY = PUSH.hanging.every  # points of a motion in a step of the model
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
@@ -84,19 +84,19 @@ class GuardParameters(Checked):
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
 
 
-class Course(NamedTuple):
-    """Fruits on stems where the motion so far has led them: the model of a push that goes on.
+class Limits(NamedTuple):
+    """Of the joints, and what a state exceeds of these: it may stay, not go farther."""
 
-    ``going``: in the states of a prediction. ``seen``: in the perceived state.
-    """
+    lower: FloatArray  # (n,) [rad or m]
+    upper: FloatArray  # (n,)
+    rates: FloatArray  # (3, n) of velocity, acceleration and jerk
 
-    going: Hanging
-    seen: Hanging
 
-    def on(self, poses: FloatArray, states: int) -> "Course":
-        """After the tool went on through poses (P, 6)."""
-        points, axes = np.split(poses, 2, axis=1)
-        return Course(self.going.after(points, axes, states), self.seen.after(points, axes, 1))
+class Room(NamedTuple):
+    """How near the arm may come to what it must not touch."""
+
+    touched: Mapping[str, float]  # depth of contacts that there are, by object [m]
+    clear: Mapping[str, float]  # least clearances, by their names [m]
 
 
 class Refusal(NamedTuple):
@@ -129,6 +129,36 @@ class Safe:
     braked: bool
     reason: str
     probability: float
+
+
+def least(value: float, before: float | None) -> float:
+    """The distance that an arm must keep which is at ``value`` [m], and had to keep ``before``.
+
+    Less than the value, so that it may stay. What the arm had to keep does not shrink because the
+    arm came near: only where objects did.
+    """
+    if before is None or abs(value - before) > DEEPER:
+        return value - DEEPER
+    return min(before, value - ROUNDING)
+
+
+def velocities(name: str, values: ArrayLike, size: int) -> FloatArray:
+    """The ``values`` (size,) of a caller, finite or not; ``name`` begins the error."""
+    try:
+        out = np.array(values, dtype=np.float64)
+        told = f"has shape {out.shape}"
+    except (TypeError, ValueError):
+        out, told = np.zeros(0), f"is {values!r:.60}"
+    if out.shape != (size,):
+        raise InvalidRequestError(f"{name} {told}: must be ({size},), velocities")
+    return out
+
+
+def typed(name: str, value: T, kind: type) -> T:
+    """A ``value`` of a caller that is of a ``kind``; ``name`` begins the error."""
+    if not isinstance(value, kind):
+        raise InvalidRequestError(f"{name} is {value!r:.60}: must be of {kind.__name__}")
+    return value
 
 
 class Guard:
@@ -167,17 +197,18 @@ class Guard:
         """The robot whose tool alone may touch fruits and stems, for :meth:`_by_wrist`."""
         links = np.unique(spheres.link[spheres.distal & ~of_tool])
         self._wrist = frozenset(task.robot.link_names[link] for link in links)
-        self._set(task)
+        self._room, self._courses = Room({}, {}), tuple[Course, ...]()
+        self._place(Plant.of(task, self.parameters.risk))
 
     @property
     def robot(self) -> Robot:
         """With its tool."""
-        return self._task.robot
+        return self._plant.task.robot
 
     @property
     def scene(self) -> Scene:
         """As it is known now."""
-        return self._task.scene
+        return self._plant.task.scene
 
     @property
     def time(self) -> float:
@@ -201,15 +232,15 @@ class Guard:
             time: now [s]; None: that of the newest look.
 
         Raises:
-            InvalidRequestError: an action of another shape.
+            InvalidRequestError: an action or a state of another size or type, looks that are none,
+                or a time that is not finite.
         """
-        wish = np.array(action, dtype=np.float64)
-        if wish.shape != self.robot.home.shape:
-            raise InvalidRequestError(
-                f"action has shape {wish.shape}: must be ({self.robot.n_joints},), velocities"
-            )
-        begin = self._anchored(state)
-        self._see(looks, time)
+        wish = velocities("action", action, self.robot.n_joints)
+        now = None if time is None else float(array("time", time))
+        typed("looks", looks, Iterable)
+        come = [typed("a look", look, Look) for look in looks]
+        begin = self._anchored(self._own(state))
+        self._see(come, now)
         whole = bool(np.isfinite(wish).all())
         first: Refusal | None = None if whole else Refusal("limits", "the action is not finite")
         wish, asked = wish if whole else np.zeros_like(wish), wish
@@ -249,9 +280,18 @@ class Guard:
 
     def tool(self, linear: FloatArray, state: State, axis: FloatArray | None = None) -> FloatArray:
         """The action (n,) of a velocity of the tool point; see :func:`.motion.joints_for`."""
-        return joints_for(self.robot, state.q, linear, axis)
+        axis = None if axis is None else array("axis", axis, 3)
+        return joints_for(self.robot, self._own(state).q, velocities("linear", linear, 3), axis)
 
     # -- the state of the arm
+
+    def _own(self, state: State) -> State:
+        """A state, if it is of this arm."""
+        if typed("state", state, State).q.shape != self.robot.home.shape:
+            raise InvalidRequestError(
+                f"state has {state.q.size} joints; {self.robot.name} has {self.robot.n_joints}"
+            )
+        return state
 
     def _anchored(self, state: State) -> State:
         """The state that the next period begins in: on the curve, if the arm follows it."""
@@ -260,17 +300,11 @@ class Guard:
             state = replace(state, q=self.robot.turns.onto(state.q, begin.q))
             if np.abs(begin.q - state.q).max() <= self.parameters.off:
                 return begin
-        elif state.q.shape != self.robot.home.shape:
-            raise InvalidRequestError(
-                f"state has {state.q.size} joints; {self.robot.name} has {self.robot.n_joints}"
-            )
         self._curve, robot = None, self.robot
-        self._lower = np.minimum(robot.lower, state.q)
-        self._upper = np.maximum(robot.upper, state.q)
+        lower, upper = np.minimum(robot.lower, state.q), np.maximum(robot.upper, state.q)
         sizes = np.abs([state.velocity, state.acceleration])
-        self._rates = np.stack(
-            [*np.maximum(sizes, [robot.velocity, robot.acceleration]), robot.jerk]
-        )
+        rates = [*np.maximum(sizes, [robot.velocity, robot.acceleration]), robot.jerk]
+        self._limits = Limits(lower, upper, np.stack(rates))
         self._walk(np.concatenate(robot.tool_pose(state.q)))
         self._measure(state.q)
         return state
@@ -295,7 +329,7 @@ class Guard:
         if not (self._pushing or not free):
             return
         if not self._pushing:
-            self._last, self._courses = self._trail[-2:-1], self._fresh
+            self._last, self._courses = self._trail[-2:-1], self._plant.fresh
         self._pushing = min(self._pushing + 1, len(self._trail))
         self._last = sampled(np.vstack([self._last, pose]))
         whole = (len(self._last) - 2) // EVERY * EVERY  # the last point may be a part of a step
@@ -308,51 +342,31 @@ class Guard:
 
     # -- the plant
 
-    def _set(self, task: Task) -> None:
-        """Take over a scene, with models of the fruits that may be pushed."""
-        model = replace(task, risk=self.parameters.risk).push_model(task.start)
-        models = () if model is None else model.models if isinstance(model, Combined) else (model,)
-        hanging = [one for one in models if isinstance(one, Hanging)]
-        pushed = {fruit.id for one in hanging for fruit in one.fruits}
-        loose = stands(task) and len(hanging) < len(models)
-        objects = []
-        for item in task.scene.objects:  # what no model knows must not be touched
-            known = item.id in pushed or (loose and item.stem is None)
-            stem, parts, of = item.stem, list[SceneObject](), "/root" if known else ""
-            if item.role in ("static", "avoid") or known:
-                objects.append(item)
-                if known and stem is not None and stem.parent is None and not stem.unseen:
-                    parts = [replace(item, shape=Sphere(ROOT), position=stem.points[-1], stem=None)]
-            else:
-                stems = () if stem is None else stem.likely()
-                parts = [replace(item, stem=None), *(one for s in stems for one in pieces(item, s))]
-            objects += [
-                replace(part, id=item.id + of + (f"/{k}" if k else ""), role="static", motion=None)
-                for k, part in enumerate(parts)
-            ]
-        self._task, self._models, self._stays = task, tuple(models), None
-        self._standing = tuple(one for one in models if not isinstance(one, Hanging))
-        self._fresh = tuple(Course(one.leaving(0), one) for one in hanging)
-        self._courses = self._fresh
-        self._judged = replace(task.scene, objects=tuple(objects))
-        self._around = replace(task, scene=self._judged).surroundings
+    def _place(self, plant: Plant) -> None:
+        """Take over a plant, as it is known now."""
+        self._plant, self._stays = plant, None
+        if not self._pushing:
+            self._courses = plant.fresh
         if self._curve is not None:
             self._measure(self._curve.positions[0])
 
     def _measure(self, q: FloatArray) -> None:
         """How near to objects the arm is, and what it touches: it may stay, not go deeper."""
-        found, contacts = clearances(self._judged, self.robot, q[None])
-        contacts = [*contacts, *self._by_wrist(q[None])]
-        self._touched = {one.other: one.depth + DEEPER for one in contacts}
-        self._room = {
-            name: min(self.parameters.margin, value - DEEPER)
-            for name in NEARLY
-            if (value := found[name]) is not None
-        }
+        found, contacts = clearances(self._plant.judged, self.robot, q[None])
+        contacts, before = [*contacts, *self._by_wrist(q[None])], self._room
+        touched = {c.other: -least(-c.depth, before.touched.get(c.other)) for c in contacts}
+        self._room = Room(
+            touched,
+            {
+                name: min(self.parameters.margin, least(value, before.clear.get(name)))
+                for name in NEARLY
+                if (value := found[name]) is not None
+            },
+        )
 
-    def _see(self, looks: Iterable[Look], time: float | None) -> None:
-        """Fold looks in. The scene changes while the tool touches no fruit."""
-        p, come = self.parameters, list(looks)
+    def _see(self, come: Sequence[Look], time: float | None) -> None:
+        """Fold looks in. While the tool pushes, the pushed fruits stay where the models lead."""
+        p = self.parameters
         if not come:
             return
         if self._tracker is None:
@@ -360,18 +374,16 @@ class Guard:
         for look in come:
             self._tracker.add(look, self._pushed())
         self._newest = max(self._newest, *(look.time for look in come))
-        if self._pushing:
-            return
         seen = self._tracker.at(self._newest if time is None else time)
-        scene = tracked_scene(self._base, seen)
+        scene = seen_scene(self._base, self.scene, seen, p.changed)
+        during = self._plant.during_push(scene) if self._pushing else None
+        scene = scene if during is None else during.task.scene
         before = {item.id: item for item in self.scene.objects}
         same = before.keys() == {item.id for item in scene.objects} and all(
-            math.dist(item.position, before[item.id].position) < p.changed
-            and item.role == before[item.id].role
-            for item in scene.objects
+            stays(item, before[item.id], p.changed) for item in scene.objects
         )
-        if not same and scene.target is not None:
-            self._set(resolve(scene, self.robot))
+        if not same or (self._plant.added and not self._pushing):
+            self._place(during or Plant.of(resolve(scene, self.robot), p.risk))
 
     def _pushed(self) -> dict[str, FloatArray]:
         """Displacement (3,) of each fruit by the tool now, as the push models predict [m]."""
@@ -379,9 +391,9 @@ class Guard:
         if self._pushing:
             places = {item.id: item.position for item in self.scene.objects}
             moved = [one.seen.moved(*np.split(self._last, 2, axis=1)) for one in self._courses]
-            if self._standing:
+            if self._plant.standing:
                 way = spaced(*np.split(self._trail[-self._pushing - 1 :], 2, axis=1))
-                moved += [model.moved(*way) for model in self._standing]
+                moved += [model.moved(*way) for model in self._plant.standing]
             for one in moved:
                 pairs = zip(one.ids, one.positions, strict=True)
                 out |= {name: place - places[name] for name, place in pairs}
@@ -396,30 +408,31 @@ class Guard:
     def _refusal(self, curve: Trajectory) -> Refusal | None:
         """Why a motion must not be executed, by the judge's code; None: it may."""
         robot, most = self.robot, extremes(curve)
-        out = np.stack([self._lower - most.lowest, most.highest - self._upper]) > ROUNDING
-        broken = np.vstack([out, most.largest > self._rates * (1.0 + ROUNDING)])
+        lower, upper, rates = self._limits
+        out = np.stack([lower - most.lowest, most.highest - upper]) > ROUNDING
+        broken = np.vstack([out, most.largest > rates * (1.0 + ROUNDING)])
         if broken.any():
             row, joint = np.argwhere(broken)[0]
             what = ("range", "range", "limit of velocity", "limit of acceleration", "limit of jerk")
             words = f"{robot.joint_names[joint]} would leave its {what[row]}"
             return Refusal("limits", words, np.asarray(broken.any(axis=0)))
         times, q, _, complete = refined(robot, curve)
-        found, contacts, _, _ = swept(self._judged, robot, q, times)
+        found, contacts, _, _ = swept(self._plant.judged, robot, q, times)
         if not complete:
             return Refusal("contact", "the motion is too fast to be checked for contacts")
-        if self._wrist and self._models:
+        if self._wrist and self._plant.models:
             contacts = [*contacts, *self._by_wrist(q, times)]
         for one in contacts:
-            if one.depth > self._touched.get(one.other, 0.0):
+            if one.depth > self._room.touched.get(one.other, 0.0):
                 return Refusal("contact", f"{one.link} would touch {one.other}")
-        for name, room in self._room.items():
+        for name, room in self._room.clear.items():
             value = found[name]
             if value is not None and value < room:
                 return Refusal("contact", f"{NEARLY[name]} would be {1e3 * value:.1f} mm away")
         steps = curve.resample(1.0 / self.parameters.period)  # as it is executed, row by row
         poses = robot.tool_pose(steps.positions)
-        fast = among_fruits(self._judged, robot, steps, np.arange(steps.n_waypoints), *poses)
-        if fast is not None and fast[0] > FASTER * largest_speed(self._judged):
+        fast = among_fruits(self._plant.judged, robot, steps, np.arange(steps.n_waypoints), *poses)
+        if fast is not None and fast[0] > FASTER * largest_speed(self._plant.judged):
             return Refusal("speed", f"the tool would move at {fast[0]:.2f} m/s among fruits")
         return None
 
@@ -428,14 +441,14 @@ class Guard:
 
         These may pass where a fruit hung that the tool has pushed aside.
         """
-        _, contacts, _, _ = swept(self._judged, self._body, q, times)
+        _, contacts, _, _ = swept(self._plant.judged, self._body, q, times)
         fruits = [c for c in contacts if c.link in self._wrist and c.role in ("pushable", "target")]
         aside = self._aside() if fruits else frozenset()
         return [c for c in fruits if c.other.removeprefix("the stem of ") not in aside]
 
     def _predicted(self, step: Change) -> tuple[Refusal | None, float]:
         """Why a wish that is followed for a while would harm; the probability of harm."""
-        if not self._models:
+        if not self._plant.models:
             return None, 0.0
         times = np.linspace(0.0, self.parameters.ahead, LOOKS)
         ahead = np.hstack(self.robot.tool_pose(step.at(times)[0]))
@@ -470,11 +483,11 @@ class Guard:
             points = np.concatenate([points, sampled(back)[1:]])
         places, axes = np.split(points, 2, axis=1)
         harms: list[tuple[PushModel, float]] = []
-        for one in self._courses if self._pushing else self._fresh:
+        for one in self._courses if self._pushing else self._plant.fresh:
             states = min(OUT_STATES, p.states) if out else p.states
             going, most = one.going.leaving(first), one.going.threshold * limit
             harms.append((going, going.harm(places, axes, states, most)))
-        for model in () if out else self._standing:  # what stands does not come back
+        for model in () if out else self._plant.standing:  # what stands does not come back
             way = np.vstack([self._trail[-self._pushing - 1 :], ahead])
             places, axes = spaced(*np.split(way, 2, axis=1))
             states = min(p.states, model.states)
@@ -489,7 +502,7 @@ class Guard:
         """Whether the tool, led through poses (k, 6), surely touches no fruit."""
         parts = np.split(poses, 2, axis=1)
         way = spaced(*parts) if len(poses) > 1 else tuple(parts)
-        return all(model.clear(*way) for model in self._models)
+        return all(model.clear(*way) for model in self._plant.models)
 
     # -- actions near a wish
 
@@ -497,7 +510,9 @@ class Guard:
         """Velocities (n,) from which each joint alone can stop within its range."""
         robot = self.robot
         limits = SHARE * robot.acceleration, SHARE * robot.jerk
-        up, down = (fastest(room, *limits) for room in (self._upper - q, q - self._lower))
+        up, down = (
+            fastest(room, *limits) for room in (self._limits.upper - q, q - self._limits.lower)
+        )
         return -np.minimum(down, robot.velocity), np.minimum(up, robot.velocity)
 
     def _instead(self, told: Refusal, q: FloatArray, wanted: FloatArray) -> Iterator[FloatArray]:
@@ -531,7 +546,7 @@ class Guard:
 
     def _distances(self, q: FloatArray) -> FloatArray:
         """Distances (m, R) of the body at ``q`` (m, n) from objects, and of its links [m]."""
-        around, body = self._around, self._body.spheres
+        around, body = self._plant.around, self._body.spheres
         spheres, out = self.robot.sphere_centers(q), [self.robot.self_gaps(q)]
         for objects, which in ((around.static, slice(None)), (around.dynamic, ~body.distal)):
             if len(objects.kind):
