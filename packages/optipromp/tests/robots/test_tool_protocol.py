@@ -37,7 +37,7 @@ from optipromp.core.robots import (
 from optipromp.core.robots.ik import rolls
 from optipromp.core.robots.tool_geometry import MOST
 from optipromp.core.robots.tools import TOOLS as KINDS
-from optipromp.core.robots.tools import make_tool
+from optipromp.core.robots.tools import Cup, FrankaHand, make_tool
 
 # [m] that the spheres reach beyond the solids of these tools; tests/robots/test_tools.py says how
 # tight a cup's spheres are
@@ -373,3 +373,8 @@ def test_a_tool_that_contradicts_itself_is_refused(member: str, value: object, w
 def test_the_kinds_are_those_of_the_library() -> None:
     assert {type(TOOLS[kind]) for kind in KINDS} == set(KINDS.values())
     assert not isinstance(Spoon(), tuple(KINDS.values()))
+
+
+def test_a_tool_is_of_its_own_class_alone() -> None:
+    """A class that derives from the protocol is none itself: others are not of it by their form."""
+    assert not isinstance(Cup(0.03), FrankaHand | Scissor)

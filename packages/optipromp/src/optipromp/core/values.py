@@ -145,6 +145,7 @@ class Validated:
     _largest: ClassVar[float] = np.inf
 
     def __init_subclass__(cls, **keywords: Any) -> None:
+        super().__init_subclass__()
         for name, value in keywords.items():
             setattr(cls, f"_{name}", value)
 
