@@ -30,6 +30,7 @@ from optipromp_bench.tracks import ROW_FILE
 MINE = """
 import numpy as np
 from optipromp import Trajectory
+from optipromp.core.scenes import bare_robot
 class Mine:
     def plan(self, scene, seed):
         if len(scene.pushables) > {many}:

@@ -139,7 +139,7 @@ def test_the_report_of_a_study_tells_its_risk(studied: Path, tmp_path: Path) -> 
     (tmp_path / "study.json").write_text(json.dumps({**settings, "risk": 0.01}))
     assert "--risk 0.01" in Read(study_report(tmp_path, worst=0)).text
     (tmp_path / "study.json").write_text(json.dumps({**settings, "risk": "little"}))
-    with pytest.raises(InvalidRequestError, match="risk is little"):
+    with pytest.raises(InvalidRequestError, match="risk is 'little'"):
         study_report(tmp_path, worst=0)
 
 

@@ -48,7 +48,7 @@ def test_a_plans_folder_is_executed_as_it_is(reach, tmp_path):
         (["panda"], "takes a scene or a plan"),
         (["nowhere"], "no file and nothing built in"),
         (["scenario-3", "--slow", "0"], "--slow"),
-        (["scenario-3", "--speed", "0"], "control.speed"),
+        (["scenario-3", "--speed", "0"], "ControlParameters.speed"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):

@@ -131,7 +131,7 @@ def test_fruits_that_hang_aside_are_missed_by_an_open_loop(tmp_path):
         (["scenario-3", "--closed-loop", "--planner", "promp"], "--planner: not with"),
         (["scenario-3", "--closed-loop", "--speed", "0.2"], "--speed: not with"),
         (["scenario-3", "--closed-loop", "--noise", "detect"], "did you mean 'detector'"),
-        (["scenario-3", "--closed-loop", "--camera", "head"], "palm, hand or beside"),
+        (["scenario-3", "--closed-loop", "--camera", "head"], "palm, hand, beside"),
         (["scenario-3", "--closed-loop", "--latency", "-1"], "latency"),
         (["scenario-3", "--sway", "-0.1"], "sway"),
         (["scenario-3", "--sway-frequency", "0.5:1"], "state --sway"),

@@ -141,7 +141,7 @@ def test_the_outcome_rebuilds_the_world_that_swayed(loop, tmp_path):
     ):
         with pytest.raises(InvalidRequestError, match="this version"):
             read_parameters({"parameters": wrong})
-    with pytest.raises(InvalidRequestError, match="sway_of is sky"):
+    with pytest.raises(InvalidRequestError, match="sway_of is 'sky'"):
         read_parameters({"parameters": {"disturbance": {"sway_of": "sky"}}})
 
 

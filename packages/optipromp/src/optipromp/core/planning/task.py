@@ -400,8 +400,8 @@ def within_limits(robot: Robot, q: FloatArray, what: str, error: type) -> FloatA
     over = np.maximum(robot.lower - q, q - robot.upper)
     worst = int(np.argmax(over))
     if over[worst] <= 0.0:
-        far = int(np.argmax(np.abs(q)))
-        if abs(q[far]) > DEGREES:
+        far = int(np.argmax(np.abs(q) / (1.0 + robot.turns.endless)))  # these may have turned
+        if abs(q[far]) > DEGREES * (1.0 + robot.turns.endless[far]):
             warnings.warn(f"{what}: {robot.joint_names[far]} is {q[far]:g}: degrees?", stacklevel=4)
         return q
     noise = LIMIT_ROUNDING < over[worst] <= LIMIT_TOLERANCE
