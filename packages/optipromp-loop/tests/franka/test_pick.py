@@ -40,7 +40,7 @@ class Source:
     """A controller that sees fruits among which the arm moves as it is measured."""
 
     def __init__(self, scene: Scene, seed: int) -> None:
-        self.controller = Controller(scene, leave=True)
+        self.controller = Controller(scene)
         self.simulation = Simulation(scene, seed)
         self.eye = Eye(Detector(scene, self.controller.robot, DETECTORS["zero-mean"], seed))
         self.before = self.simulation.state()
