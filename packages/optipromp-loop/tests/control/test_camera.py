@@ -254,8 +254,8 @@ def test_stamps_beyond_what_is_corrected_are_refused(scene: Scene) -> None:
 # --- a target that falls --------------------------------------------------------------------------
 
 
-def falling(scene: Scene, begins: float) -> Picked:
-    """A pick whose target falls freely from ``begins`` [s] on."""
+def falling(scene: Scene, begins: float, caught: bool = False) -> Picked:
+    """A pick whose target falls freely from ``begins`` [s] on; ``caught``: into the tool."""
     up, name = np.asarray(scene.up), scene.target.id
 
     def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
@@ -266,13 +266,25 @@ def falling(scene: Scene, begins: float) -> Picked:
                 if item.id == name and t > 0.0:
                     place = item.position - turn @ (4.905 * t * t * up)
                     item = replace(item, position=place, stem=None)
-                    if t > 0.2:
+                    if t > 0.2 and not caught:
                         continue
+                    if t > 0.2:
+                        q = controller.driver.state(look.time).q
+                        item = replace(
+                            item, position=look.camera.inverse() @ controller.robot.tool_pose(q)[0]
+                        )
                 items.append(item)
             yield replace(look, detections=tuple(items))
 
     eye = Eye(Detector(scene, posed(scene)[0], WHITE))
-    return pick(Controller(scene), scene, eye, filtered=filtered)
+    controller = Controller(scene)
+    return pick(controller, scene, eye, filtered=filtered)
+
+
+def test_a_target_that_falls_into_the_tool_is_taken_out(scene: Scene) -> None:
+    done = falling(scene, 4.0, caught=True)
+    assert done.stages == USUAL
+    assert done.controller.holding
 
 
 def test_a_target_that_falls_ends_the_pick_away_from_the_fruits(scene: Scene) -> None:

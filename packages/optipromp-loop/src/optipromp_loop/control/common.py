@@ -93,11 +93,6 @@ class Common:
         """Whether fruits were known before the first look."""
         return any(item.role in ("target", "pushable") for item in self.scene.objects)
 
-    @property
-    def leaves(self) -> bool:
-        """Whether the pick ends outside of the plant: a robot without a tool takes nothing out."""
-        return self.robot.tool is not None
-
     def hidden(self, tracked: Tracked, since: float) -> dict[str, str | None]:
         """The fruits that no look has shown ``since`` a time [s], and what hides each."""
         return {} if self.looks.eye is None else driver.unseen(tracked, self.looks.eye, since)

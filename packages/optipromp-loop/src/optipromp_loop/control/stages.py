@@ -90,10 +90,9 @@ class Stage(ABC):
     def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         """One cycle at the time ``now`` [s], with the fruits as they are ``tracked``."""
 
-    def held(self, loop: Common, now: float, why: str) -> Next | None:
-        """The arm comes to rest, for a fault outside of the stage; the stage that follows."""
+    def held(self, loop: Common, now: float, why: str) -> None:
+        """The arm comes to rest, for a fault outside of the stage."""
         self.drop()
-        return None
 
     def ends(self, loop: Common, now: float, why: str) -> Step:
         """The pick must not go on: away from the fruits the arm stands."""
@@ -300,12 +299,12 @@ class Push(Stage):
 
     def leave(self, loop: Common, now: float, why: str) -> Step:
         """Stop, and leave without the target."""
-        q = self.passed(loop, loop.driver.phase(now + loop.parameters.lead))
+        q = self.passed(loop.driver.phase(now + loop.parameters.lead))
         stop = loop.driver.pause(now + loop.parameters.lead)
         q = np.vstack([q, stop.curve.positions[-1]])
         return stop, Next(Leave(self.pick, Sliced(partial(ways_out, self.pick.reach, q)), why), why)
 
-    def passed(self, loop: Common, phase: float) -> FloatArray:
+    def passed(self, phase: float) -> FloatArray:
         """Configurations (k, n) of the approach until a ``phase`` of the route."""
         made = self.pick.reach
         passed = made.trajectory.positions[made.trajectory.times <= phase]
@@ -333,7 +332,7 @@ class Push(Stage):
             if found > p.budget:
                 self.at = phase + p.allowance, now + p.lead + p.allowance
                 scene, _ = _beside(loop, made, tracked)
-                passed = self.passed(loop, phase)
+                passed = self.passed(phase)
                 self.job = Sliced(partial(compared, self.pick, scene, self.at[0], passed))
             return None
         return self._chosen(loop, now, tracked, found)
@@ -410,17 +409,12 @@ class Take(Stage):
     def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         drive, self.since = loop.driver, min(self.since, now)
         if now - self.since < loop.parameters.hold:
-            return None if self.fallen else drive.go_on(now, tracked), None
-        inside = (
-            self.caught
-            if self.fallen
-            else not driver.outside(loop.robot, drive.state(now).q, tracked)
-        )
-        if not inside:
+            return drive.halt(now) if self.fallen else drive.go_on(now, tracked), None
+        outside = driver.outside(loop.robot, drive.state(now).q, tracked)
+        if not self.caught if self.fallen else outside:
             return self.push.leave(loop, now, FALLS if self.fallen else "the target is not inside")
-        begins = now + loop.parameters.lead
-        if not loop.leaves:
-            return drive.brake(begins), Next(Stand(DONE), "at the target")
+        if loop.robot.tool is None:  # nothing is taken out
+            return drive.brake(now + loop.parameters.lead), Next(Stand(DONE), "at the target")
         return self._out(loop, now, tracked)
 
     def ends(self, loop: Common, now: float, why: str) -> Step:
@@ -440,15 +434,15 @@ class Take(Stage):
         route = drive.route
         assert route is not None
         drive.hold(now, tracked)
-        if RETREAT in legs:
+        if RETREAT in legs and not self.fallen:
             curve = legs[RETREAT].trajectory
             scene = (drive.route or route).scene
             out = Route.along(loop.robot, curve, scene, came=(route, route.duration))
             if (begun := drive.take(out, 0.0, now, tracked)) is not None:
                 return begun, Next(Leave(self.push.pick, None, holding=True), told)
-        q = self.push.passed(loop, math.inf)
+        q = self.push.passed(drive.phase(now))
         work = Sliced(partial(ways_out, self.push.pick.reach, q, True))
-        return drive.go_on(now, tracked), Next(Leave(self.push.pick, work, holding=True), told)
+        return None, Next(Leave(self.push.pick, work, holding=True), told)
 
 
 @dataclass
@@ -490,7 +484,8 @@ class Leave(Stage):
                     return drive.set_out(out, now, tracked), None
             if ways:
                 return None, Next(Stand(GAVE_UP), "no way out is free")
-            return drive.go_on(now, tracked) if self.holding else None, None
+            there = self.holding and drive.phase(now) >= route.duration  # it moves with the plant
+            return drive.go_on(now, tracked) if there else None, None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
             stop = drive.brake(begins)
             if self.holding:
