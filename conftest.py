@@ -2,8 +2,9 @@
 
 A worker among others computes in one thread: further threads would wait for theirs. Hypothesis
 draws anew at every local run; CI draws the same, so that a run can be repeated. MuJoCo decides how
-it renders when it is first imported, by whichever test: off screen. A background job ignores
-Ctrl-C, and so would the programs that tests start and interrupt.
+it renders when it is first imported, by whichever test: off screen. Typer reads TERMINAL_WIDTH when
+it first prints, by whichever test, and keeps it: a test that wants a width sets COLUMNS alone. A
+background job ignores Ctrl-C, and so would the programs that tests start and interrupt.
 """
 
 import functools
@@ -27,6 +28,7 @@ if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 if sys.platform.startswith("linux"):
     os.environ.setdefault("MUJOCO_GL", "egl")
+os.environ.pop("TERMINAL_WIDTH", None)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

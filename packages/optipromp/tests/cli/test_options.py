@@ -46,7 +46,7 @@ app.command("pick")(pick)
 
 
 def call(*words: str) -> Any:
-    return CliRunner().invoke(app, [*words], env={"COLUMNS": "100", "TERMINAL_WIDTH": "100"})
+    return CliRunner().invoke(app, [*words], env={"COLUMNS": "100"})
 
 
 def test_a_parameter_is_an_option_and_one_by_position_alone_an_argument() -> None:
