@@ -132,17 +132,21 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     policy = policy_of(ask["entry"], episode, seed)
     if policy is None:
         return {"result": "refused", "causes": ""}, None
-    moved, patience = 0.0, STILL if ask["guarded"] and not wanders else most
+    guard = None
+    if ask["guarded"]:
+        guard = Guard(episode.scene, episode.robot, takes_over=ask["guarded"] == "takes over")
+    moved, patience = 0.0, STILL if guard and not wanders else most
 
     def act(seen: Observation) -> FloatArray | None:
         nonlocal moved
         if seen.time >= min(most, moved + patience):
             return None
-        moved = seen.time if np.abs(seen.velocity).max() > REST else moved
+        led = guard is not None and guard.leads
+        moved = seen.time if led or np.abs(seen.velocity).max() > REST else moved
         left = most - seen.time  # a run of its longest time ends at rest
         return policy(seen) * min(max(left - SLOWED, 0.0) / SLOWED, 1.0)
 
-    agent = Driven(act, guard=Guard(episode.scene, episode.robot) if ask["guarded"] else None)
+    agent = Driven(act, guard=guard)
     rollout(agent, episode)
     simulation, seconds = episode.simulation, round(episode.time, 2)
     end = simulation.time

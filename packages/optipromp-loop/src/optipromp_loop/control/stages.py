@@ -302,7 +302,7 @@ class Push(Stage):
         q = self.passed(loop.driver.phase(now + loop.parameters.lead))
         stop = loop.driver.pause(now + loop.parameters.lead)
         q = np.vstack([q, stop.curve.positions[-1]])
-        return stop, Next(Leave(self.pick, Sliced(partial(ways_out, self.pick.reach, q)), why), why)
+        return stop, Next(Leave(Sliced(partial(ways_out, self.pick.reach, q)), why), why)
 
     def passed(self, phase: float) -> FloatArray:
         """Configurations (k, n) of the approach until a ``phase`` of the route."""
@@ -439,10 +439,10 @@ class Take(Stage):
             scene = (drive.route or route).scene
             out = Route.along(loop.robot, curve, scene, came=(route, route.duration))
             if (begun := drive.take(out, 0.0, now, tracked)) is not None:
-                return begun, Next(Leave(self.push.pick, None, holding=True), told)
+                return begun, Next(Leave(None, holding=True), told)
         q = self.push.passed(drive.phase(now))
         work = Sliced(partial(ways_out, self.push.pick.reach, q, True))
-        return None, Next(Leave(self.push.pick, work, holding=True), told)
+        return None, Next(Leave(work, holding=True), told)
 
 
 @dataclass
@@ -450,7 +450,6 @@ class Leave(Stage):
     """The tool leaves the plant, by the least harmful way that is free.
 
     Attributes:
-        pick: that was followed.
         job: the search of ways out; None: the way out runs.
         why: the reason to leave without the target.
         holding: whether the target is in the tool.
@@ -458,7 +457,6 @@ class Leave(Stage):
 
     name = LEAVE
     among = True
-    pick: Picked
     job: Sliced[Any] | None
     why: str = ""
     holding: bool = False

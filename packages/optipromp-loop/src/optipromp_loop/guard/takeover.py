@@ -1,0 +1,130 @@
+"""The loop in a policy's place: it has the arm from where the guard holds the policy up.
+
+The controller of :mod:`optipromp_loop.control` goes on from where the arm comes to rest, and picks
+by a pick that it commits itself to. A tool among fruits leaves them first, by the least harmful way
+out of the way that it came. The policy has the arm again when the tool is out of the plant.
+"""
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from optipromp.core.arrays import FloatArray
+from optipromp.core.execution.streaming import Line, Stretch
+from optipromp.core.planning.warming import compile_once
+from optipromp.core.pushing.model import PushModel
+from optipromp.core.robots import ik
+from optipromp.core.robots.model import Robot
+from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.scene import Scene
+from optipromp.core.trajectory import State, Trajectory
+from optipromp_loop.control.controller import Controller
+from optipromp_loop.control.driver import Route, path_back
+from optipromp_loop.control.parameters import CONTROL
+from optipromp_loop.control.stages import LoopStage
+
+RATED = "q", "velocity", "acceleration"
+SOON = 1.01  # periods, until which the rows of a curve are not told apart: rounding
+STEPS = 4  # of a search in a period, each up to 1 ms: a choice, for a period of 5 ms
+TRACKED = 1e-3  # [m] error of a configuration on the way here: a choice
+
+
+class Takeover:
+    """Who has the arm, and the loop's curve.
+
+    Args:
+        period: of an action [s].
+
+    Attributes:
+        controller: that has the arm; None: the policy has the arm.
+        holding: whether the loop leaves with the target, or has left: a gripper may close.
+        gone: how often the loop gave up; infinite once it has picked.
+    """
+
+    def __init__(self, period: float) -> None:
+        compile_once()
+        steps = {"slice_steps": STEPS, "standing_steps": STEPS}
+        self._parameters = replace(CONTROL, period=period, lead=period, **steps)
+        self.controller: Controller | None = None
+        self.holding, self.gone, self._why = False, 0.0, ""
+        self._now, self._line = 0.0, Line(())
+        self._since = math.inf  # when the arm came to stand that the guard holds up [s]
+
+    def stood(self, now: float, stands: bool) -> float:
+        """How long an arm that the guard holds up has stood [s]; ``stands``: whether it does."""
+        self._since = min(self._since, now) if stands else math.inf
+        return max(now - self._since, 0.0)
+
+    def begin(
+        self, scene: Scene, robot: Robot, now: float, curve: Trajectory, way: FloatArray,
+        pushes: PushModel | None, why: str,
+    ) -> None:  # fmt: skip
+        """Take the arm over that comes to rest on a ``curve`` from the time ``now`` on [s].
+
+        ``way``: tool poses (k, 6) of the way here, where the tool is among fruits; else empty.
+        ``pushes``: the model of the pushes on it.
+        """
+        end, came = curve.positions[-1], None
+        controller = Controller(replace(scene, start=end), robot=robot, parameters=self._parameters)
+        if len(way):
+            q, errors = ik.track(robot, way[::-1, :3], way[::-1, 3:], end)
+            known = q[: int(np.argmax(np.append(errors, np.inf) > TRACKED))][::-1]
+            led = path_back(robot, np.vstack([known, end]), CONTROL.retreat_speed)
+            came = replace(Route.along(robot, led, scene, math.inf), pushes=pushes)
+        controller.goes_on(now, curve, came, why)
+        self.controller, self._why = controller, why
+        self._now, self._line, self._since = now, Line.of(curve, now), math.inf
+
+    def ended(self, now: float) -> bool:
+        """Whether the policy has the arm, from now on or before."""
+        loop = self.controller
+        if loop is not None and (loop.ended or loop.lost) and self._line.ended(now):
+            self.gone = math.inf if loop.stage is LoopStage.DONE else self.gone + 1.0
+            self.controller = None
+        return self.controller is None
+
+    def cycle(self, now: float, measured: State, looks: Iterable[Look]) -> Trajectory:
+        """The curve of the loop from the time ``now`` on [s]; the second row is a period later."""
+        loop = self.controller
+        assert loop is not None
+        for look in looks:
+            loop.see(look)
+        made = loop(now, measured, self._line.at(now))
+        self.holding = self.holding or loop.holding
+        return self._ahead(now, made)
+
+    def hold(self, why: str) -> Trajectory:
+        """The curve of a period without a state of the arm: it comes to rest, and waits."""
+        now = self._now + self._parameters.period
+        assert self.controller is not None
+        return self._ahead(now, self.controller.hold(now, why))
+
+    @property
+    def told(self) -> str:
+        """That the loop has the arm, what it does, and why."""
+        assert self.controller is not None
+        return f"the loop has the arm ({self.controller.stage}): {self._why}"
+
+    @property
+    def probability(self) -> float:
+        """That the pick which runs among fruits is not clean, as predicted; else 0."""
+        loop = self.controller
+        told = loop.picks[-1].failure if loop and loop.doing.among and loop.picks else 0.0
+        return 0.0 if math.isnan(told) else told
+
+    def _ahead(self, now: float, made: Stretch | None) -> Trajectory:
+        if made is not None:
+            self._line = self._line.until(made.begins, now).then(made, made.begins)
+        self._now, period = now, self._parameters.period
+        last = self._line.taken[-1][1]
+        after = last.begins - now + last.curve.times
+        if after[-1] <= SOON * period:
+            after[-1] = 2.0 * period  # it stands
+        rest = after > SOON * period
+        states = self._line.at(now), self._line.at(now + period)
+        ends = (np.array([getattr(s, name) for s in states]) for name in RATED)
+        rows = (np.vstack(pair) for pair in zip(ends, last.curve.rows(rest), strict=True))
+        times = np.concatenate([[0.0, period], after[rest]])
+        return Trajectory(times, *rows, last.curve.joint_names)
