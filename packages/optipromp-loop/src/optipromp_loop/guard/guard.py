@@ -188,20 +188,24 @@ class Guard:
             raise InvalidRequestError("time is None: a guard that takes over needs it")
         if loop is not None and now is not None and not loop.ended(now):
             self._see(come, now)
-            return self._led(loop, loop.cycle(now, own, come))
+            return self._led(*loop.cycle(now, own, come))
         begin = self._anchored(own)
         self._see(come, now)
         safe, told = self._decided(wish, begin)
         if loop is not None and now is not None:
-            self._hand_over(loop, now, safe, told)
+            stood = loop.stood(now, safe.acted and bool(np.abs(safe.velocity).max() < REST))
+            harms = safe.braked and told is not None and told.kind == "harm"
+            if harms or stood >= self.parameters.stood:
+                self._hand_over(loop, now, safe.reason)
         return safe
 
     def _decided(self, wish: FloatArray, begin: State) -> tuple[Safe, Refusal | None]:
-        """The action nearest to a wish, and why the wish did not pass."""
+        """The action nearest to a wish, and why the last that was tried does not pass."""
         whole = bool(np.isfinite(wish).all())
         first: Refusal | None = None if whole else Refusal("limits", "the action is not finite")
         wish, asked = wish if whole else np.zeros_like(wish), wish
         waiting, tries = [np.clip(wish, *self._box(begin.q))], self.parameters.tries
+        told: Refusal | None = None
         while waiting and tries > 0:
             wanted, tries = waiting.pop(0), tries - 1
             step = Change.of(self.robot, begin, wanted, self.parameters.period)
@@ -214,7 +218,7 @@ class Guard:
                 if first is None and (np.abs(wanted - asked) > 1e-9).any():
                     joint = self.robot.joint_names[int(np.argmax(np.abs(wanted - asked)))]
                     first = Refusal("limits", f"{joint} would pass its limit of velocity or range")
-                return self._given(curve, first, probability), first
+                return self._given(curve, first, probability), None
             if first is None:
                 first = told
             if told.kind == "harm":  # what nobody wished may harm where the wish did not
@@ -223,27 +227,22 @@ class Guard:
         if self._curve is None:  # nothing passed before: brake from here
             still = Change.of(self.robot, begin, np.zeros_like(wish), self.parameters.period)
             self._curve = stopping(self.robot, still, self.parameters.period)
-        return self._given(self._curve, first, 0.0, braked=True), first
+        return self._given(self._curve, first, 0.0, braked=True), told
 
-    def _hand_over(self, loop: Takeover, now: float, safe: Safe, told: Refusal | None) -> None:
-        """Let the loop have the arm from the end of the period on, where it is due."""
-        p, stands = self.parameters, safe.acted and np.abs(safe.velocity).max() < REST
-        due = loop.stood(now, bool(stands)) >= p.stood
-        due = due or (safe.braked and told is not None and told.kind == "harm")
-        blind = now - self.time > CONTROL.look_age or self.scene.target is None
-        if not due or blind or loop.gone >= p.takeovers:
+    def _hand_over(self, loop: Takeover, now: float, why: str) -> None:
+        """Let the loop have the arm from the end of the period on, if it sees a target."""
+        blind, curve = now - self.time > CONTROL.look_age or self.scene.target is None, self._curve
+        if blind or curve is None or loop.gone >= self.parameters.takeovers:
             return
-        assert self._curve is not None
-        end = np.concatenate(self.robot.tool_pose(self._curve.positions[-1]))
+        end = np.concatenate(self.robot.tool_pose(curve.positions[-1]))
         among = self._pushing or not self._clear(end[None])
         way = self._trail[-self._pushing - BEFORE :] if among else self._trail[:0]
-        pushes = next(iter(self._plant.hanging), None)
-        loop.begin(self.scene, self.robot, now + p.period, self._curve, way, pushes, safe.reason)
+        begins, pushes = now + self.parameters.period, next(iter(self._plant.hanging), None)
+        loop.begin(self.scene, self.robot, begins, curve, way, pushes, why)
 
-    def _led(self, loop: Takeover, curve: Trajectory) -> Safe:
-        """The action of the loop, on its curve."""
-        safe = self._given(curve, Refusal("harm", loop.told), loop.probability)
-        return replace(safe, mover="loop")
+    def _led(self, curve: Trajectory, words: str, probability: float) -> Safe:
+        """The action of the loop."""
+        return replace(self._given(curve, Refusal("harm", words), probability), mover="loop")
 
     def blind(self, reason: str) -> Safe | None:
         """The action of a period in which nothing can be decided, as without a state of the arm.
@@ -252,7 +251,7 @@ class Guard:
         nothing was given before, so the arm is not known to move. ``reason``: of :class:`Safe`.
         """
         if self._takeover is not None and self.leads:
-            return self._led(self._takeover, self._takeover.hold(reason))
+            return self._led(*self._takeover.hold(reason))
         if self._curve is None:
             return None
         return self._given(self._curve, Refusal("limits", reason), 0.0, braked=True)

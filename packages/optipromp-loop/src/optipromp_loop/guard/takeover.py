@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
+from optipromp.core.errors import OptiPrompError
 from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning.warming import compile_once
 from optipromp.core.pushing.model import PushModel
@@ -25,17 +26,12 @@ from optipromp_loop.control.driver import Route, path_back
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.stages import LoopStage
 
-RATED = "q", "velocity", "acceleration"
-SOON = 1.01  # periods, until which the rows of a curve are not told apart: rounding
-STEPS = 4  # of a search in a period, each up to 1 ms: a choice, for a period of 5 ms
-TRACKED = 1e-3  # [m] error of a configuration on the way here: a choice
+STEPS = 4  # of a search in a period, each up to 1 ms: a choice, for periods of 5 ms
+TRACKED = 1e-3  # [m] errors of the configurations on the way here, summed: a choice
 
 
 class Takeover:
-    """Who has the arm, and the loop's curve.
-
-    Args:
-        period: of an action [s].
+    """Who has the arm, and the loop's curve; ``period``: of an action [s].
 
     Attributes:
         controller: that has the arm; None: the policy has the arm.
@@ -49,8 +45,7 @@ class Takeover:
         self._parameters = replace(CONTROL, period=period, lead=period, **steps)
         self.controller: Controller | None = None
         self.holding, self.gone, self._why = False, 0.0, ""
-        self._now, self._line = 0.0, Line(())
-        self._since = math.inf  # when the arm came to stand that the guard holds up [s]
+        self._now, self._line, self._since = 0.0, Line(()), math.inf
 
     def stood(self, now: float, stands: bool) -> float:
         """How long an arm that the guard holds up has stood [s]; ``stands``: whether it does."""
@@ -67,15 +62,20 @@ class Takeover:
         ``pushes``: the model of the pushes on it.
         """
         end, came = curve.positions[-1], None
-        controller = Controller(replace(scene, start=end), robot=robot, parameters=self._parameters)
+        try:
+            given = replace(scene, start=end)
+            controller = Controller(given, robot=robot, parameters=self._parameters)
+        except OptiPrompError:  # no plan may begin there, as beyond a limit
+            self.gone += 1.0
+            return
         if len(way):
             q, errors = ik.track(robot, way[::-1, :3], way[::-1, 3:], end)
-            known = q[: int(np.argmax(np.append(errors, np.inf) > TRACKED))][::-1]
-            led = path_back(robot, np.vstack([known, end]), CONTROL.retreat_speed)
+            q = np.vstack([q[errors.cumsum() < TRACKED][::-1], end])
+            led = path_back(robot, q, CONTROL.retreat_speed)
             came = replace(Route.along(robot, led, scene, math.inf), pushes=pushes)
         controller.goes_on(now, curve, came, why)
         self.controller, self._why = controller, why
-        self._now, self._line, self._since = now, Line.of(curve, now), math.inf
+        self._line, self._since = Line.of(curve, now), math.inf
 
     def ended(self, now: float) -> bool:
         """Whether the policy has the arm, from now on or before."""
@@ -85,46 +85,40 @@ class Takeover:
             self.controller = None
         return self.controller is None
 
-    def cycle(self, now: float, measured: State, looks: Iterable[Look]) -> Trajectory:
-        """The curve of the loop from the time ``now`` on [s]; the second row is a period later."""
+    def cycle(
+        self, now: float, measured: State, looks: Iterable[Look]
+    ) -> tuple[Trajectory, str, float]:
+        """A period of the loop from the time ``now`` on [s].
+
+        Returns: the curve, whose second row is a period later; what the loop does, and why; and the
+        predicted probability that the pick which runs among fruits is not clean, else 0.
+        """
         loop = self.controller
         assert loop is not None
         for look in looks:
             loop.see(look)
-        made = loop(now, measured, self._line.at(now))
-        self.holding = self.holding or loop.holding
-        return self._ahead(now, made)
+        return self._ahead(loop, now, loop(now, measured, self._line.at(now)))
 
-    def hold(self, why: str) -> Trajectory:
-        """The curve of a period without a state of the arm: it comes to rest, and waits."""
+    def hold(self, why: str) -> tuple[Trajectory, str, float]:
+        """A period without a state of the arm: it comes to rest, and waits."""
+        assert self.controller is not None
         now = self._now + self._parameters.period
-        assert self.controller is not None
-        return self._ahead(now, self.controller.hold(now, why))
+        return self._ahead(self.controller, now, self.controller.hold(now, why))
 
-    @property
-    def told(self) -> str:
-        """That the loop has the arm, what it does, and why."""
-        assert self.controller is not None
-        return f"the loop has the arm ({self.controller.stage}): {self._why}"
-
-    @property
-    def probability(self) -> float:
-        """That the pick which runs among fruits is not clean, as predicted; else 0."""
-        loop = self.controller
-        told = loop.picks[-1].failure if loop and loop.doing.among and loop.picks else 0.0
-        return 0.0 if math.isnan(told) else told
-
-    def _ahead(self, now: float, made: Stretch | None) -> Trajectory:
+    def _ahead(
+        self, loop: Controller, now: float, made: Stretch | None
+    ) -> tuple[Trajectory, str, float]:
         if made is not None:
             self._line = self._line.until(made.begins, now).then(made, made.begins)
-        self._now, period = now, self._parameters.period
-        last = self._line.taken[-1][1]
+        self._now, period, last = now, self._parameters.period, self._line.taken[-1][1]
+        self.holding = self.holding or loop.holding
         after = last.begins - now + last.curve.times
-        if after[-1] <= SOON * period:
-            after[-1] = 2.0 * period  # it stands
-        rest = after > SOON * period
-        states = self._line.at(now), self._line.at(now + period)
-        ends = (np.array([getattr(s, name) for s in states]) for name in RATED)
-        rows = (np.vstack(pair) for pair in zip(ends, last.curve.rows(rest), strict=True))
+        after[-1] = max(after[-1], 2.0 * period)  # it stands
+        rest = after > 1.5 * period
+        ends = [self._line.at(now), self._line.at(now + period)]
+        begin = np.array([[s.q, s.velocity, s.acceleration] for s in ends]).swapaxes(0, 1)
+        rows = map(np.vstack, zip(begin, last.curve.rows(rest), strict=True))
         times = np.concatenate([[0.0, period], after[rest]])
-        return Trajectory(times, *rows, last.curve.joint_names)
+        told = loop.picks[-1].failure if loop.doing.among and loop.picks else 0.0
+        words = f"the loop has the arm ({loop.stage}): {self._why}"
+        return Trajectory(times, *rows, last.curve.joint_names), words, float(np.nan_to_num(told))
