@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from scripts import forest, plan_hashes, publish
+from scripts import plan_hashes, publish
 
 from optipromp_bench.experiments.rows import source_version
 
@@ -145,11 +145,3 @@ def test_an_interrupted_run_ends_what_runs(house: Path) -> None:
     assert run.wait(60.0) == 130
     assert (house / "ended").exists()
     assert not (house / "docs/results").exists()
-
-
-def test_a_forest_has_a_line_for_each_share() -> None:
-    share = forest.Share(50.0, 40.0, 60.0)
-    shares = {"clean": {"a": {"open": share, "closed": share}, "<b>": {"open": share}}}
-    drawn = forest.forest(shares)
-    assert drawn.count('stroke="#0072b2"/>') - 1 == 4  # a line and a dot each, and the legend's
-    assert "&lt;b&gt;" in drawn

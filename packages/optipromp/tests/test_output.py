@@ -90,14 +90,6 @@ def test_a_plan_of_another_tool_than_the_scenes_is_not_mistaken_for_one_of_it(
         load_plan(tmp_path)
 
 
-def test_plan_json_is_strict_json(result: Plan, tmp_path: Path) -> None:
-    write_plan(result, tmp_path)
-    text = (tmp_path / "plan.json").read_text(encoding="utf-8")
-    document = json.loads(text, parse_constant=pytest.fail)
-    assert document["scene"] == result.scene.name
-    assert str(tmp_path) not in text
-
-
 @pytest.mark.parametrize(
     "damage", ["missing", "truncated", "list", "format", "key", "scene", "npz"]
 )

@@ -33,14 +33,6 @@ def independent(curve: Trajectory) -> Any:
     return BPoly.from_derivatives(curve.times, list(rows))
 
 
-def test_what_it_says_of_itself() -> None:
-    trajectory = Trajectory.through(line(), 0.25, NAMES)
-    assert trajectory.n_waypoints == 5
-    assert trajectory.duration == 1.0
-    np.testing.assert_allclose(trajectory.times, [0.0, 0.25, 0.5, 0.75, 1.0])
-    np.testing.assert_array_equal(trajectory.positions, line())
-
-
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None)
 def test_samples_are_those_of_scipys_quintics(seed: int) -> None:

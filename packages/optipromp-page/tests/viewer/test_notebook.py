@@ -9,7 +9,6 @@ import pytest
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Plan, plan
 from optipromp.core.promp import Basis, ProMP
-from optipromp.core.robots import load_robot
 from optipromp.looks.viewer.serving import plan_page
 
 
@@ -99,9 +98,3 @@ def test_the_view_of_a_plan_moves_arm_and_fruits_as_planned(made: Plan) -> None:
     moved = [np.linalg.norm(np.subtract(position, fruit.position)) for _, position in at["fruit"]]
     assert max(moved) > 0.01
     assert max(time for time, _ in at["arm"]) >= made.trajectory.duration - 0.1
-
-
-def test_a_view_of_an_arm_alone_shows_it_at_home() -> None:
-    robot = load_robot("scara")
-    nodes = {m["name"] for _, m in recorded(robot.show().html) if "Mesh" in m["type"]}
-    assert {"/base/arm/base", "/base/arm/2/forearm"} <= nodes

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.planning import plan
-from optipromp_paper.commands.scenarios import BEGIN, END, _shown, markdown, renew
+from optipromp_paper.commands.scenarios import BEGIN, END, markdown, renew
 from optipromp_paper.scenarios import CASES, ScenarioRow, run_scenarios
 
 Rows = tuple[ScenarioRow, ...]
@@ -59,19 +59,6 @@ def test_the_paper_s_figures_are_those_of_the_cases(scenario_rows: Rows) -> None
         if paper is not None:
             wanted = [str(round(1e3 * x)) for x in (paper.M_c, paper.M_p["n1"], paper.M_p["n2"])]
         assert told == wanted
-
-
-def test_the_command_says_why_our_falls_are_not_the_paper_s(
-    scenario_rows: Rows,
-) -> None:
-    """The note stands under the falls, and what it names is there."""
-    note = str(list(_shown(scenario_rows, None))[2])
-    assert note.startswith("why our falls are not the paper's")
-    root = PAGE.parents[1]
-    named = re.findall(r"(?:scripts|docs)/\w+\.\w+", note)
-    assert len(named) == 2
-    assert all((root / name).is_file() for name in named)
-    assert "paper_falls.py" in PAGE.read_text(encoding="utf-8")
 
 
 def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:
@@ -140,17 +127,6 @@ def printed(*tables: Any) -> str:
     text = console.export_text()
     console.file.close()
     return str(text)
-
-
-def test_the_table_of_scenarios_fits_eighty_columns(scenario_rows: tuple[Any, ...]) -> None:
-    from optipromp_paper.commands.scenarios import reductions, table_one
-
-    rows = [row for row in scenario_rows if row.case.key in ("3-joint", "3-sequential")]
-    text = printed(table_one(rows), reductions(rows))
-    assert "…" not in text
-    assert "[" not in text  # no markup: the commands print text as it is
-    assert "157 | " in text
-    assert " valid" in text
 
 
 def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:

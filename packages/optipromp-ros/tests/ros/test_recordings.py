@@ -90,18 +90,6 @@ def test_five_demonstrations_are_found_where_they_are(
         assert np.abs(middle - there).max() < 0.03
 
 
-@pytest.mark.parametrize(
-    ("noise", "rate", "seed"), [(0.0, 500.0, 0), (1e-3, 30.0, 1), (1e-3, 500.0, 2)]
-)
-def test_the_count_does_not_depend_on_noise_and_rate(
-    tmp_path: Path, noise: float, rate: float, seed: int
-) -> None:
-    path = bag(tmp_path, joint_states(*guided(noise=noise, rate=rate, seed=seed)))
-    found = load_recording(path, JOINTS)
-    assert len(found.demonstrations) == 5
-    assert len(found.cuts) == 5
-
-
 def test_positions_are_those_of_their_names(tmp_path: Path) -> None:
     """Without noise every sample is on the line between the two messages around it."""
     times, q = guided(noise=0.0)

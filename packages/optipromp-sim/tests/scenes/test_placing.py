@@ -110,18 +110,6 @@ def test_the_base_is_placed_for_each_scene_where_no_place_serves_all() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
-def test_a_small_arm_picks(tmp_path) -> None:
-    pytest.importorskip("mujoco")
-    from optipromp_sim.simulation import simulate
-
-    path = tmp_path / "small.urdf"
-    path.write_text(six(0.45))
-    made = plan(generate("cluster", 2, path))
-    assert made.success, made.message
-    assert simulate(made).success
-
-
-@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
 @pytest.mark.parametrize("turn", ["0 1.5708 0", "0 0 0.3"])
 def test_a_flange_across_the_wrist_gets_a_mount(tmp_path, turn) -> None:
     """The last joint rolls the hand about y of its link; the flange's z is across it."""

@@ -246,12 +246,6 @@ def test_impossible_disturbances_are_refused() -> None:
             disturbance(**wrong)
 
 
-def test_a_scene_without_stems_has_no_moving_roots(bench: Bench) -> None:
-    ball = SceneObject("ball", "target", bench.fruit("x", (0, 0, 0)).shape, np.array([0, 0, 0.2]))
-    world = build(bench.scene(ball), resolve(alone(bench)).robot, disturbance(sway=0.01))
-    assert world.roots == ()
-
-
 def test_an_exported_scene_is_the_believed_one(bench: Bench) -> None:
     scene, robot = alone(bench), resolve(alone(bench)).robot
     windy = mjcf(scene, robot, FAR, disturbance(sway=0.01, shift=0.01, arm_turn=1.0))

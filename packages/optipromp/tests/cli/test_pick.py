@@ -10,12 +10,11 @@ from tests import folders
 from tests.cli.fixtures import invoke
 
 import optipromp_ros as ros
-from optipromp import Picked, Plan, load_pick, load_plan, plan
+from optipromp import Picked, load_pick, plan
 from optipromp.core.files import read_npz
 from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.core.scenes.scene import PoseGoal
 from optipromp.looks.reports import plan_report
-from optipromp_page.stage import execute, open_source
 from optipromp_sim.generate import generate
 
 LEGS = ["reach", "retreat"]
@@ -100,18 +99,6 @@ def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
     assert "; the way out failed: retreat: " in told["message"]
 
 
-def test_a_reach_alone_replaces_a_pick(tmp_path: Path) -> None:
-    for words, files in (((), FILES | OUT), (("--reach",), FILES)):
-        done = invoke("plan", "scenario-4", *words, "--no-figures", "--out", tmp_path)
-        assert done.exit_code == 0, done.stdout
-        assert {path.name for path in tmp_path.iterdir()} == files
-    found = load_pick(tmp_path)
-    assert isinstance(found, Plan)
-    alone = plan("scenario-4")
-    assert np.array_equal(found.trajectory.positions, alone.trajectory.positions)
-    assert invoke("plan", "scenario-4", "--retreat").exit_code == 2
-
-
 def test_without_a_tool_or_a_target_a_reach_is_planned(tmp_path: Path) -> None:
     scene = load_scene("scenario-4")
     target = scene.target
@@ -137,12 +124,6 @@ def test_a_reach_that_fails_has_its_own_document() -> None:
     assert document["message"] == plan("scenario-1").message
 
 
-def test_targets_are_planned_in_an_order(tmp_path: Path) -> None:
-    done = invoke("plan", "scenario-4", "--targets", "ripe", "--no-figures", "--out", tmp_path)
-    assert done.exit_code == 0, done.stdout
-    assert load_plan(tmp_path / "1-ripe").success
-
-
 @pytest.mark.parametrize("planner", ["promp", "i-promp"])
 def test_other_planners_have_a_way_out_too(planner: str) -> None:
     document = json.loads(invoke("plan", "scenario-4", "--planner", planner, "--json").stdout)
@@ -165,12 +146,3 @@ def test_a_pick_is_checked_judged_exported_and_shown_to_its_end(pick: Path, tmp_
     content = plan_report(pick).decode("utf-8")
     for words in ('<th scope="row">retreat</th>', "--seed 0 --out DIR"):
         assert words in content
-
-
-def test_the_page_opens_and_executes_a_pick(pick: Path) -> None:
-    pytest.importorskip("mujoco")
-    source = open_source(str(pick))
-    assert isinstance(source.plan, Picked)
-    run = execute(source.plan, "pick")
-    assert run.success
-    assert run.duration > source.plan.duration

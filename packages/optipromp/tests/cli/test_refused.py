@@ -28,17 +28,11 @@ def cut(text: Any) -> str:
 
 
 SCENES: list[tuple[Any, str]] = [
-    (with_fruit(sigma=1e200), "must be 0 to 10"),
     (with_fruit(position=[0, 0, 1e300]), "at most 1e+06"),
-    (MINIMAL | {"name": "a\x1b[31m"}, "control characters"),
-    (MINIMAL | {"name": "a" * 5000}, "1 to 1000"),
-    (MINIMAL | {"name": "a\x00"}, "control characters"), (MINIMAL | {"name": "\u202e"}, "control"),
-    (MINIMAL | {"robot": "../../etc/arm.urdf"}, "OPTIPROMP_FOLDERS"),
     (with_object(shape={"mesh": {"file": "/etc/a.stl"}}), "outside the folder"),
     (with_object(shape={"point_cloud": {"file": "secret.txt", "radius": 1}}), "three numbers"),
     (with_object(shape={"mesh": {"file": "open.obj"}}), "watertight"),
     (with_object(shape={"mesh": {"file": "nan.obj"}}), "vertex"),
-    (MINIMAL | {"approach": {"camera_distance": 1e11}}, "at most 20"),
     ('{"name": 1' + "0" * 5000 + "}", "4300 digits"),
     ("[" + "0," * 3_000_001, "more than 3000000 values"),
 ]  # fmt: skip

@@ -106,8 +106,6 @@ ROW = ",".join(["0.1"] * 7)
         (f"time,{NAMES}\n0,{ROW}\n0,{ROW}\n", "at least 2 waypoints"),
         (f"time,{NAMES}\n0,{ROW}\n2,{ROW}\n1,{ROW}\n", "times do not grow: 2 s at waypoint 1"),
         (f"time,{NAMES}\n0,{ROW}\n1,0.1\n", "line 3: 2 values, the header has 8"),
-        (f"time,{NAMES}\n0,{ROW}\nx,{ROW}\n", "line 3: time is 'x', expected a finite number"),
-        (f"time,{NAMES}\n0,{ROW}\nnan,{ROW}\n", "line 3: time is 'nan'"),
         (f"time,{NAMES}\n0,{ROW}\n1,{ROW.replace('0.1', 'inf', 1)}\n", "line 3: joint1 is 'inf'"),
         (f"time,{NAMES.replace('joint7', 'elbow')}\n0,{ROW}\n1,{ROW}\n", "joint7 is missing"),
         (f"time,{NAMES},joint2_velocity\n0,{ROW},0\n1,{ROW},0\n", "but not joint1_velocity"),

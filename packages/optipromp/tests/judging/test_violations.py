@@ -111,19 +111,6 @@ def test_axis(degrees: float, fine: bool, gantry: Robot) -> None:
     assert ("axis" in judgement.message) != fine
 
 
-def test_self_collision(panda: Robot) -> None:
-    """At the paper's start the cup is folded into the forearm."""
-    folded = np.array([0.0, 0.0, 0.0, -0.1, 0.0, 0.0, 0.8])
-    judgement = judging.judge(to(JointGoal(folded)), panda, moving(panda, [folded] * 3))
-    (contact,) = judgement.contacts
-    assert {contact.link, contact.other} != {""}
-    assert "tool" in (contact.link, contact.other) or contact.role == "the robot itself"
-    assert contact.depth > 0.01
-    assert judgement.metrics.clearance_self == pytest.approx(-contact.depth)
-    home = panda.home
-    assert not judging.judge(to(JointGoal(home)), panda, moving(panda, [home] * 3)).contacts
-
-
 @pytest.mark.parametrize(
     ("role", "by_arm", "by_tool"),
     [("static", True, True), ("avoid", True, False), ("pushable", True, False)],

@@ -89,13 +89,6 @@ def test_stops_at_its_deadline_with_what_it_has(panda: Any) -> None:
     np.testing.assert_array_equal(result.q, panda.q)
 
 
-def test_no_iterations_is_no_step(panda: Any) -> None:
-    options = GaussNewtonOptions(stages=(0.1, 1.0), iterations=(0, 0))
-    result = solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), panda.q, options)
-    np.testing.assert_array_equal(result.q, panda.q)
-    assert len(result.history) == 1
-
-
 def test_no_step_is_longer_than_allowed(panda: Any) -> None:
     """Its input stays as it is."""
     options, q = GaussNewtonOptions((1.0,), (1,), largest_step=0.01), panda.q.copy()

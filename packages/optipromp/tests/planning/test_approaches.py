@@ -1,14 +1,12 @@
 """Ways to come at an angle and beside the target's centre, where the straight way harms."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 from optipromp import load_scene, save_scene
 from optipromp.core.errors import Code, InvalidSceneError
-from optipromp.core.geometry import Cone
 from optipromp.core.judging import judge
 from optipromp.core.planning import plan, plan_many
 from optipromp.core.planning.approaches import other_approaches
@@ -16,7 +14,6 @@ from optipromp.core.planning.parameters import APPROACH
 from optipromp.core.planning.task import Task, resolve
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import fits
-from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.scenes import Approach, Pose, Scene
 from optipromp_sim.generate import generate
 from optipromp_sim.generate.plants import untold
@@ -197,36 +194,3 @@ def test_the_room_beside_a_leaning_cone_is_shared() -> None:
         vertices - off - np.outer((vertices - off) @ axis, axis) for off in (middle, 0 * middle)
     )
     assert np.linalg.norm(centred, axis=1).max() < np.linalg.norm(as_is, axis=1).max() - 0.002
-
-
-def test_a_long_target_that_fits_is_approached_as_a_ball_is() -> None:
-    """No direction is added to the search, and no place of the tool's end is moved."""
-    task = resolve(generate("field", 300005))
-    model, target = task.push_model(task.robot.home), task.scene.target
-    assert isinstance(model, Hanging)
-    assert target is not None
-    assert isinstance(target.shape, Cone)
-    assert model.least == 0.0
-    for other in other_approaches(task):
-        axis, shift = other.scene.frame[2], other.scene.approach.shift
-        tilt = np.rad2deg(np.arccos(min(float(axis @ task.scene.frame[2]), 1.0)))
-        assert tilt == pytest.approx(25.0) or tilt == pytest.approx(12.5) or tilt < 1e-3
-        assert not shift.any() or tilt < 1e-3
-
-
-def test_the_search_ends_at_once_where_no_path_along_the_approach_can_do(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """The target is 67 mm wide across the vertical, the opening 53 mm."""
-    tried = 0
-    harm = Hanging.harm
-
-    def counted(model: Hanging, *args: Any) -> float:
-        nonlocal tried
-        tried += 1
-        return harm(model, *args)
-
-    monkeypatch.setattr(Hanging, "harm", counted)
-    made = plan(allowed(generate("wild", 310004), **STRAIGHT))
-    assert not made.success
-    assert 0 < tried < 20

@@ -97,12 +97,6 @@ def test_it_begins_and_ends_at_rest(which: str) -> None:
         assert steps[-1] < 0.1 * steps.max()
 
 
-@pytest.mark.parametrize("which", SCENES)
-def test_no_joint_takes_a_larger_step_than_was_asked_for_by_much(which: str) -> None:
-    steps = np.abs(np.diff(first(which).followed, axis=0))
-    assert steps.max() < 1.5 * 0.045
-
-
 @given(st.integers(2, 400))
 def test_a_braked_tool_comes_to_rest_at_the_end(count: int) -> None:
     """At constant speed at first; then speed and acceleration go to nothing."""
@@ -159,24 +153,6 @@ def scrambled(task: Task) -> ProMP:
     n, k = promp.mean.shape
     covariance = promp.covariance.reshape(n, k, n, k)[order][:, :, order].reshape(n * k, n * k)
     return promp.with_weights(promp.mean[order], covariance)
-
-
-@pytest.mark.parametrize("which", ["scenario-3", ("cluster", 10)])
-@pytest.mark.parametrize("shown", [elbow_out, scrambled])
-def test_demonstrations_shape_the_posture_of_the_approach(
-    which: str, shown: Callable[[Task], ProMP]
-) -> None:
-    """The tool goes the same way; the arm does so as was shown, also on the last 60 %."""
-    task = task_of(which)
-    own, other = first(which), next(followed(task, shown(task)))
-    assert own.path is not None
-    assert other.waypoints == own.waypoints
-    np.testing.assert_array_equal(other.followed[-1], own.followed[-1])
-    low = own.waypoints.first
-    points = [task.robot.tool_pose(s.followed[low:])[0] for s in (own, other)]
-    assert np.linalg.norm(points[0] - points[1], axis=1).max() < 2.0 * FOLLOW.tracked
-    late = int(0.4 * len(own.followed))
-    assert np.abs(own.followed[late:] - other.followed[late:]).max() > 0.05
 
 
 @pytest.mark.parametrize("shown", [elbow_out, scrambled])

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from optipromp import PlanOptions, load_pick, plan, plan_pick, simulate
 from optipromp.cli.main import app
-from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError, InvalidSceneError
+from optipromp.core.errors import Code, InvalidPlanError, InvalidSceneError
 from optipromp.core.geometry import Box
 from optipromp.core.planning.leg_tasks import leg, leg_task
 from optipromp.core.planning.legs import Picked, led_out
@@ -129,16 +129,6 @@ def test_what_is_pressed_on_the_way_out_is_predicted(caught: Picked) -> None:
     assert model.harm(down, np.tile(axis, (100, 1)), model.states) > stays
 
 
-def test_without_a_place_a_pick_ends_with_its_retreat() -> None:
-    pytest.importorskip("mujoco")
-    picked = plan_pick(replace(placing("tight", 3), place=None))
-    assert list(picked.legs) == [REACH, RETREAT]
-    assert picked.success, picked.message
-    outcome = simulate(picked).outcome
-    assert outcome.success, outcome.message
-    assert outcome.placed is None
-
-
 @pytest.mark.parametrize("asked", [{"approach_speed": 0.05}, {"duration": 6.0}])
 def test_a_speed_or_a_duration_that_is_asked_for_holds_for_the_way_out(
     asked: dict[str, float],
@@ -187,27 +177,6 @@ def test_a_pick_whose_later_leg_failed_is_executed_up_to_there(
         assert np.abs(run.rollout.q[-1] - last).max() < 0.01
 
 
-def test_the_command_line_films_a_pick_whose_carry_failed(unplaced: Picked, tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
-    av = pytest.importorskip("av")
-    from optipromp import write_pick
-    from optipromp_sim.simulation.film import View, film
-
-    write_pick(unplaced, tmp_path)
-    try:
-        film(simulate(unplaced.reach), View(width=64, height=64), fps=1)
-    except InvalidRequestError as error:
-        pytest.skip(error.message)
-    result = invoke("simulate", tmp_path, "--video", "--slow", "0.2")
-    assert result.exit_code == 1, result.stdout
-    assert "failed: not_placed" in result.stdout
-    assert "of the plan, carry: " in " ".join(result.stdout.split())
-    with av.open(str(tmp_path / "run.webm")) as container:
-        shown = sum(1 for _ in container.decode(video=0))
-    planned = sum(unplaced.legs[leg].trajectory.duration for leg in (REACH, RETREAT))
-    assert shown >= 5 * planned  # 25 pictures a second of a film that is five times faster
-
-
 def test_a_fruit_that_stays_is_written_with_the_legs_that_succeeded(tmp_path: Path) -> None:
     save_scene(placing("table-top", 743009), tmp_path / "bunch.yaml")
     target = placing("table-top", 743009).target
@@ -237,26 +206,6 @@ def test_the_simulation_carries_the_fruit_to_its_place(picked: Picked) -> None:
     held = picked.legs[CARRY].scene.attached[-1].position
     away = np.linalg.norm(run.rollout.fruit_positions[-1, row] - PLACE.position)
     assert abs(away - np.linalg.norm(held)) < 0.005
-
-
-def test_the_command_line_plans_writes_and_executes_all_legs(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
-    save_scene(placing("tight", 3), tmp_path / "bunch.yaml")
-    out = tmp_path / "out"
-    result = invoke("plan", tmp_path / "bunch.yaml", "--no-figures", "--out", out, "--json")
-    assert result.exit_code == 0, result.stdout
-    document = json.loads(result.stdout)
-    assert [leg["status"] for leg in document["legs"].values()] == ["success"] * 3
-    assert invoke("check", out).exit_code == 0
-    back = load_pick(out)
-    assert isinstance(back, Picked)
-    assert list(back.legs) == [REACH, RETREAT, CARRY]
-    executed = invoke("simulate", out)
-    assert executed.exit_code == 0, executed.stdout
-    assert "picked and placed" in executed.stdout
-    told = json.loads((out / "outcome.json").read_text())
-    assert told["placed"] is True
-    assert told["placed_off"] < 0.005
 
 
 def test_a_leg_of_another_plan_is_passed_over_and_a_bad_one_refused(

@@ -12,11 +12,9 @@ from tests.planning.builders import assert_success, beside_a_box
 from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import Plan, judge, plan
-from optipromp.core.planning.options import PlanOptions
 from optipromp.core.scenes import (
     Lines,
     Pose,
-    PoseGoal,
     Scene,
     save_scene,
     scene_from_dict,
@@ -111,14 +109,6 @@ def test_a_turn_in_place() -> None:
         {"position": LAST, "orientation": [0, 1, 0, 0]},
     )
     assert "is turned" in judge(other, made.trajectory).message
-
-
-def test_a_free_axis_and_a_duration() -> None:
-    free = scene([{"position": CORNERS[0], "axis": "free"}], {"position": LAST, "axis": "free"})
-    made = plan(free, options=PlanOptions(duration=6.0))
-    assert_success(made)
-    assert made.trajectory.duration == pytest.approx(6.0)
-    assert made.metrics.goal_axis_error is None
 
 
 def test_a_start_at_the_first_way_point_and_at_the_goal() -> None:
@@ -217,12 +207,6 @@ def test_saved_way_points_are_the_same_and_turn_with_the_frame(tmp_path: Path) -
     save_scene(asked, tmp_path / "s.yaml")
     write_plan(plan(load_scene(tmp_path / "s.yaml")), tmp_path / "out")
     assert load_plan(tmp_path / "out").success
-
-
-def test_way_points_made_in_python() -> None:
-    points = tuple(PoseGoal(np.array(at), np.array(DOWN)) for at in CORNERS)
-    made = replace(scene(None), waypoints=Lines(points))  # type: ignore[arg-type]
-    assert scene_to_dict(made) == scene_to_dict(scene(POINTS))
 
 
 @pytest.mark.parametrize(

@@ -56,27 +56,6 @@ def gate(middle: np.ndarray) -> SceneObject:
     return SceneObject("gate", "static", Box((2.0, 0.05, 2.5)), middle, motion=motion)
 
 
-@pytest.mark.parametrize("speed", [0.25, 0.5, 1.0, 3.0])
-def test_the_judge_knows_where_an_object_is_at_each_time(
-    bare: Scene, direct: Plan, middle: np.ndarray, speed: float
-) -> None:
-    """By dense samples; the same object frozen at its first place is not met."""
-    curve = direct.trajectory.slowed(1.0 / speed)
-    ball = poking(middle)
-    scene = replace(bare, objects=(ball,))
-    found = optipromp.judge(scene, curve).judgement
-    truth = gap(direct.robot, curve, ball)
-    assert found.metrics.clearance_static == pytest.approx(truth, abs=0.006)
-    assert found.metrics.clearance_static <= truth + 1e-4  # never optimistic
-    met = [c for c in found.contacts if c.other == "ball"]
-    assert bool(met) == (truth < 0.0) or abs(truth) < 0.006
-    frozen = replace(bare, objects=(replace(ball, motion=None),))
-    assert not optipromp.judge(frozen, curve).judgement.contacts
-    for contact in met:
-        assert contact.time is not None
-        assert 0.0 < contact.time < curve.duration
-
-
 def test_the_judge_pads_what_moves_and_minds_no_pair_that_may_touch(
     bare: Scene, direct: Plan, middle: np.ndarray
 ) -> None:

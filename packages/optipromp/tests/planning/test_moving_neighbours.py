@@ -16,7 +16,6 @@ from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import Plan, PlanOptions, plan_pick
-from optipromp.core.planning.underway import later
 from optipromp.core.scenes import Scene, SceneObject, save_scene
 from optipromp.core.scenes.held import Place
 from optipromp.core.scenes.objects import ObjectMotion
@@ -110,18 +109,6 @@ def test_a_motion_of_no_length_is_none(end: float, name: str, count: int) -> Non
     np.testing.assert_array_equal(made.trajectory.times, plain.trajectory.times)
     assert made.metrics.to_dict() == plain.metrics.to_dict()
     assert repr(made.prediction) == repr(plain.prediction)
-
-
-def test_later_a_fruit_hangs_where_its_root_has_come() -> None:
-    (fruit,) = (o for o in later(led(KNOWN, "n1", [0.0, 0.03, 0.0], 3.0), 1.0).objects
-                if o.id == "n1")  # fmt: skip
-    before = next(o for o in KNOWN.objects if o.id == "n1")
-    assert fruit.stem is not None
-    assert before.stem is not None
-    np.testing.assert_allclose(fruit.position - before.position, [0.0, 0.01, 0.0], atol=1e-12)
-    np.testing.assert_allclose(fruit.stem.points - before.stem.points, [[0.0, 0.01, 0.0]] * 2)
-    assert fruit.motion is not None
-    assert fruit.motion.times[-1] == pytest.approx(2.0)
 
 
 def test_in_the_simulation_the_root_is_led_and_the_fruit_follows() -> None:

@@ -29,42 +29,25 @@ Planned = Callable[..., Plan]
 
 REFUSED: dict[Any, list[tuple[str, Any]]] = {
     PlanOptions: [
-        ("waypoints", 2), ("waypoints", 0), ("waypoints", -5), ("waypoints", 3.5),
-        ("waypoints", NAN), ("waypoints", True), ("waypoints", 20_001),
-        ("duration", 0.0), ("duration", -1.0), ("duration", NAN), ("duration", INF),
-        ("timeout", 0.0), ("timeout", -1.0), ("timeout", NAN),
-        ("prediction", 1), ("prediction", "no"), ("rule", "longest"),
-        ("approach_speed", 0.0), ("approach_speed", -0.1), ("approach_speed", 5e-324),
-        ("approach_speed", NAN),
-        ("corridor", -0.01), ("corridor", NAN),
-        ("max_step", 0.0), ("max_step", -0.1), ("max_step", INF), ("max_step", 5e-324),
-        ("smoothness", -1e-9), ("smoothness", INF),
-        ("static_clearance", -0.01), ("static_clearance", NAN),
+        ("waypoints", 2), ("waypoints", 3.5), ("waypoints", True), ("waypoints", 20_001),
+        ("duration", 0.0), ("duration", NAN), ("duration", INF), ("timeout", -1.0),
+        ("prediction", 1), ("rule", "longest"), ("approach_speed", 5e-324), ("corridor", -0.01),
+        ("max_step", INF), ("smoothness", -1e-9), ("static_clearance", -0.01),
         ("avoid_clearance", -0.01), ("self_clearance", -0.01), ("limit_margin", -0.01),
-        ("iterations", -1), ("iterations", 1.5), ("iterations", True),
-        ("costs", (1.0,)),
-        ("risk", 0.0), ("risk", 1.0), ("risk", -0.1), ("risk", NAN),
-        *((name, value) for name in ("duration", "timeout", "waypoints", "corridor", "max_step",
-                                     "iterations") for value in ("3", (), [1], {}, 10**400)),
-        *(("costs", value) for value in ("3", [1], {}, 10**400)),
+        ("iterations", 1.5), ("costs", (1.0,)), ("risk", 0.0), ("risk", 1.0),
+        *((name, value) for name in ("timeout", "costs")
+          for value in ("3", [1], {}, 10**400)),
     ],
     Paper: [
-        ("alphas", (1.0, 1.0, 1.0)), ("alphas", (1.0, -1.0, 1.0, 0.0)),
-        ("alphas", (NAN, 1.0, 1.0, 0.0)), ("alphas", (1.0, 1.0, INF, 0.0)),
-        ("epsilon", 0.0), ("epsilon", -0.01), ("epsilon", NAN), ("epsilon", INF),
-        ("reduction", "mean"), ("push", "cubic"), ("drift", "left"),
-        ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, 1.0, -1.0)),
-        ("push_weights", (1.0, NAN, 1.0)),
-        ("drift_offset", -0.01), ("drift_offset", NAN), ("corridor", -0.01), ("corridor", NAN),
-        ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", -0.1),
-        ("camera_phase", NAN), ("via_deviation", -1e-3), ("strategy", "both"),
-        ("constraints", "all"), ("drift_offset", {"n1": -0.01}), ("drift_offset", {"n1": NAN}),
-        ("drift_offset", {1: 0.1}), ("trust_radii", ()), ("trust_radii", (0.0,)),
-        ("trust_radii", (0.02, 0.01)), ("trust_radii", (NAN,)),
+        ("alphas", (1.0, 1.0, 1.0)), ("alphas", (NAN, 1.0, 1.0, 0.0)), ("epsilon", 0.0),
+        ("reduction", "mean"), ("push", "cubic"), ("drift", "left"), ("strategy", "both"),
+        ("constraints", "all"), ("push_weights", (1.0, 1.0)), ("push_weights", (1.0, NAN, 1.0)),
+        ("drift_offset", -0.01), ("drift_offset", {"n1": NAN}), ("drift_offset", {1: 0.1}),
+        ("corridor", -0.01), ("camera_phase", 1.0), ("via_deviation", -1e-3), ("trust_radii", ()),
+        ("trust_radii", (0.0,)), ("trust_radii", (0.02, 0.01)),
     ],
     IProMP: [
-        ("camera_phase", 0.0), ("camera_phase", 1.0), ("camera_phase", NAN),
-        ("via_deviation", -1e-3), ("direction_deviation", -0.1), ("guard", 1), ("camera_point", 3),
+        ("camera_phase", 0.0), ("direction_deviation", -0.1), ("guard", 1), ("camera_point", 3),
     ],
 }  # fmt: skip
 
@@ -93,13 +76,6 @@ def test_the_edges_are_allowed() -> None:
         costs=(VelocityCost(0.0),),
     )  # fmt: skip
     Paper(alphas=(0.0, 0.0, 0.0, 0.0), drift_offset=0.0, via_deviation=0.0)
-
-
-def test_options_cannot_be_changed() -> None:
-    with pytest.raises(AttributeError):
-        PlanOptions().waypoints = 5  # type: ignore[misc]
-    with pytest.raises(AttributeError):
-        Paper().epsilon = 5.0  # type: ignore[misc]
 
 
 # --- how long, how fast, how fine --------------------------------------------------------------

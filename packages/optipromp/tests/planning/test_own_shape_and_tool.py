@@ -79,16 +79,6 @@ def test_planner_and_judge_keep_from_it() -> None:
     assert any("w" in str(violation).split() for violation in told.judgement.violations)
 
 
-def test_its_spheres_hold_the_shovel() -> None:
-    tool = Shovel()
-    cover = tool.spheres()
-    corners = np.concatenate([solid.corners for solid in tool.solids()])
-    away = np.linalg.norm(corners[:, None] - cover[:, :3], axis=2) - cover[:, 3]
-    assert away.min(axis=1).max() <= 1e-9
-    assert tool.holds(np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]])).tolist() == [True, False]
-    assert (tool.reach, tool.depth, tool.gripper_radius) == (0.14, pytest.approx(0.02), 0.033)
-
-
 def test_they_are_simulated_and_drawn() -> None:
     from optipromp_sim.simulation import simulate
 

@@ -32,7 +32,6 @@ from optipromp.core.planning import (
     PlanOptions,
     plan,
 )
-from optipromp.core.planning.pick import Solver
 from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.path import through
 from optipromp.core.pushing.rules import rule_paths
@@ -96,23 +95,6 @@ def crowd(count: int, role: Any) -> tuple[SceneObject, ...]:
     places = rng.uniform(1.1, 2.0, (count, 1)) * directions + [0.0, 0.0, 0.4]
     shape = Sphere(0.01)
     return tuple(SceneObject(f"c{i}", role, shape, at) for i, at in enumerate(places))
-
-
-def test_late_nothing_more_is_begun(three: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One start is made and judged, however many there would be."""
-    begun, judged = [], []
-    solve, judge = Solver.solve, judging.judge
-    monkeypatch.setattr(Solver, "solve", lambda self, s: begun.append(s) or solve(self, s))
-    monkeypatch.setattr(judging, "judge", lambda *a, **k: judged.append(a) or judge(*a, **k))
-    lid = block("static", Box((0.3, 0.3, 0.05)), [0.45, 0.0, 0.93], "lid")
-    for scene in (three, replace(three, objects=(*three.objects, lid))):
-        begun.clear()
-        judged.clear()
-        result = plan(scene, options=PlanOptions(timeout=1e-6))
-        assert result.status in (Code.TIMEOUT, Code.GOAL_IN_COLLISION)
-        assert len(begun) == len(judged) == 1
-    plan(scene)
-    assert len(begun) > 2  # in time, they are
 
 
 def test_more_fruits_than_can_be_tried_are_passed_as_the_rule_says(three: Scene) -> None:

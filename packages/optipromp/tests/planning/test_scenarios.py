@@ -171,17 +171,6 @@ def test_three_joints_cannot_and_the_plan_says_so(name: str, planned: Planned) -
     assert_in_range(result)
 
 
-def test_the_stages_of_a_plan_are_its_story(planned: Planned) -> None:
-    """The costs that are minimised, at each iteration; functionals are the paper's to report."""
-    result = planned("scenario-3")
-    assert result.terms == {}
-    (stage,) = result.stages
-    assert stage.name == "joint"
-    assert {"static", "avoid"} <= set(stage.terms)
-    assert len(stage.history) > 1
-    assert all(set(values) == set(stage.terms) for values in stage.history)
-
-
 # --- recorded demonstrations, noise and other targets ----------------------------------------
 
 

@@ -123,14 +123,6 @@ def test_saves_and_loads(make_promp: Make, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["reach.npz"]
 
 
-def test_save_never_writes_half(make_promp: Make, tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("kept")
-    with pytest.raises(InvalidRequestError, match="cannot write"):
-        make_promp(8).save(blocked / "reach.npz")
-    assert blocked.read_text() == "kept"
-
-
 def test_load_refuses(make_promp: Make, tmp_path: Path) -> None:
     good = tmp_path / "good.npz"
     make_promp(8).save(good)
@@ -157,9 +149,3 @@ def test_load_refuses(make_promp: Make, tmp_path: Path) -> None:
             ProMP.load(tmp_path / name)
     with pytest.raises(InvalidRequestError):
         ProMP.load(tmp_path)
-
-
-def test_with_weights(make_promp: Make) -> None:
-    promp = make_promp(9)
-    other = promp.with_weights(promp.mean + 1.0, 2.0 * promp.covariance)
-    np.testing.assert_allclose(other.mean_trajectory(4), promp.mean_trajectory(4) + 1.0)

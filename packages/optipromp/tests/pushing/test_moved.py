@@ -36,15 +36,6 @@ def scene(request: pytest.FixtureRequest) -> Scene:
     return load_scene(name) if name.startswith("scenario") else generate(name, 100)
 
 
-def test_what_the_tool_does_not_touch_stays(scene: Scene) -> None:
-    found, before = led(scene, [0.0, 0.0, -0.6], [0.0, 0.0, -0.5])
-    assert scene.target is not None
-    assert found.ids[0] == scene.target.id
-    assert {item.id for item in scene.pushables} <= set(found.ids)
-    np.testing.assert_allclose(found.positions, before, atol=1e-4)
-    np.testing.assert_array_equal(found.turns, 0.0)
-
-
 def test_the_tool_moves_what_is_in_its_way_aside(scene: Scene) -> None:
     found, before = led(scene, [0.0, 0.0, -0.3], [0.0, 0.0, -0.01])
     far = np.linalg.norm(found.positions - before, axis=1)

@@ -337,15 +337,6 @@ def test_nothing_in_the_way_is_no_push() -> None:
         pushes(no_target, [obj], R)
 
 
-def test_a_bent_stem_swings_about_its_root() -> None:
-    at = TARGET + [0.0, 0.02, -0.1]
-    stem = Stem(np.array([at, at + [0.0, 0.03, 0.05], at + [0.0, 0.0, 0.2]]))
-    obj = SceneObject("n", "pushable", Sphere(0.015), at, stem=stem)
-    (push,) = pushes(scene(obj), [obj], R)
-    assert np.linalg.norm(push.pushed - stem.root) == pytest.approx(0.2)
-    assert np.isfinite(push.pushed).all()
-
-
 # --- the path past them ------------------------------------------------------------------------
 
 

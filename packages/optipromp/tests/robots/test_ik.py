@@ -146,19 +146,6 @@ def test_what_does_not_matter_rests(robots: dict[str, Robot]) -> None:
     assert np.abs(found.joints[:, 5] - rest[5]).min() > 0.0
 
 
-def test_the_same_seed_gives_the_same_solutions(robots: dict[str, Robot]) -> None:
-    arguments = robots["panda"], np.array([0.45, 0.0, 0.8]), UP
-    first, again = (ik.solve(*arguments, seed=4).joints for _ in range(2))
-    np.testing.assert_array_equal(first, again)
-    assert not np.array_equal(first, ik.solve(*arguments, seed=5).joints)
-
-
-def test_the_length_of_the_axis_does_not_matter(robots: dict[str, Robot]) -> None:
-    point = np.array([0.45, 0.0, 0.8])
-    one, long = (ik.solve(robots["panda"], point, s * UP).joints for s in (1.0, 40.0))
-    np.testing.assert_allclose(one, long, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("position", "axis", "message"),
     [

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from tests.cli.fixtures import invoke
 from tests.robots.links import Writer
 
-from optipromp import load_scene, plan
+from optipromp import load_scene
 from optipromp.core.errors import InvalidRequestError, InvalidRobotError
 from optipromp.core.files import npz
-from optipromp.core.planning import PlanOptions
 from optipromp.core.robots import Cup, Robot, load_robot, robot_names, save_robot, with_tool
 from optipromp.core.robots.library import _DATA, NOTHING, READERS, _readers, load_arm
 from optipromp.core.robots.resolved import ARRAYS
@@ -70,18 +68,6 @@ def test_a_saved_robot_is_the_same_to_the_bit(meshed: Path, tmp_path: Path) -> N
     command = [sys.executable, "-c", BARE, str(tmp_path / "arm.robot")]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert bytes.fromhex(told) == first.spheres.radius.tobytes()
-
-
-@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
-def test_a_plan_of_a_saved_robot_is_the_same_to_the_bit(meshed: Path, tmp_path: Path) -> None:
-    save_robot(load_robot(meshed), tmp_path / "arm.robot")
-    motions = []
-    for robot in (meshed.name, "arm.robot"):
-        scene = {"format": 1, "name": "s", "goal": {"joints": [0.5, -0.4]}, "objects": []}
-        (tmp_path / "scene.yaml").write_text(yaml.safe_dump(scene | {"robot": robot}))
-        made = plan(load_scene(tmp_path / "scene.yaml"), options=PlanOptions(timeout=60.0))
-        motions.append(made.trajectory.positions)
-    np.testing.assert_array_equal(*motions)
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -189,13 +175,3 @@ def test_a_package_reads_another_format(
     _readers.cache_clear()
     assert load_robot(tmp_path / "arm.sdf") is load_robot(meshed)
     _readers.cache_clear()
-
-
-def test_check_shows_a_saved_robot_as_its_description(meshed: Path, tmp_path: Path) -> None:
-    save_robot(load_robot(meshed), tmp_path / "arm.robot")
-    told = []
-    for path in (meshed, tmp_path / "arm.robot"):
-        result = invoke("check", str(path), "--json")
-        assert result.exit_code == 0, result.output
-        told.append(result.stdout.replace(str(path), "FILE"))
-    assert told[0] == told[1]

@@ -42,8 +42,3 @@ def test_what_is_no_position_is_refused() -> None:
         fruit.at([0.1, 0.2])
     with pytest.raises(InvalidSceneError, match=r"position\[1\] is nan"):
         fruit.at([0.1, np.nan, 0.2])
-
-
-def test_something_without_a_stem() -> None:
-    wall = next(item for item in SCENE.objects if item.role == "static")
-    assert wall.at([1.0, 0.0, 0.0]).stem is None
