@@ -97,7 +97,6 @@ def test_success_of_a_planner_is_what_the_judge_says() -> None:
 def test_a_goal_at_which_the_hand_touches_one_thing_needs_the_pair() -> None:
     table = generate("table-pick", 61_000)
     found = touching(table, 1)
-    assert found is not None
     goal, thing = found
     scene = replace(table, goal=JointGoal(goal))
     assert optipromp.plan(scene).status is Code.GOAL_IN_COLLISION

@@ -1,5 +1,6 @@
 """What values show in a notebook."""
 
+import base64
 import re
 from pathlib import Path
 
@@ -72,8 +73,6 @@ def test_views_need_no_network(made: Plan, tmp_path: Path) -> None:
 
 def recorded(page: str) -> list[tuple[float, dict]]:
     """Messages of a page, with their times [s]."""
-    import base64
-
     import msgspec
     import zstandard
 

@@ -12,8 +12,19 @@ from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.planning import plan
-from optipromp_paper.commands.scenarios import BEGIN, END, markdown, renew
-from optipromp_paper.scenarios import CASES, ScenarioRow, run_scenarios
+from optipromp.core.scenes import load_scene
+from optipromp_paper import scenarios
+from optipromp_paper.commands.scenarios import (
+    BEGIN,
+    END,
+    SHORT,
+    markdown,
+    reductions,
+    renew,
+    table_one,
+)
+from optipromp_paper.paper import Paper
+from optipromp_paper.scenarios import CASES, ScenarioRow, core_distances, run_scenarios
 
 Rows = tuple[ScenarioRow, ...]
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "paper.md"
@@ -75,8 +86,6 @@ def test_scenarios_end_as_in_the_paper(
     scenario_rows: tuple[Any, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The rows are those of the session: the command would make the same."""
-    from optipromp_paper import scenarios
-
     monkeypatch.setattr(scenarios, "run_scenarios", lambda **_: scenario_rows)
     done = CliRunner().invoke(app, ["scenarios", "--json"])
     found = json.loads(done.stdout, parse_constant=pytest.fail)
@@ -131,10 +140,6 @@ def printed(*tables: Any) -> str:
 
 def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     """A plan that enters the table-top may lower its push as much as it likes."""
-    from optipromp_paper.commands.scenarios import SHORT, reductions, table_one
-    from optipromp_paper.paper import Paper
-    from optipromp_paper.scenarios import CASES, ScenarioRow
-
     case = next(case for case in CASES if case.key == "4-sequential")
     made = plan(case.scene, planner=Paper(drift_offset=0.9), timeout=1.0)
     row = ScenarioRow(case, made)
@@ -150,9 +155,6 @@ def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
 
 def test_m_c_over_joint_origins_is_to_the_core(scenario_rows: tuple[Any, ...]) -> None:
     """Of a ball its centre, of a bar its long axis; wider than over spheres, their centres too."""
-    from optipromp.core.scenes import load_scene
-    from optipromp_paper.scenarios import core_distances
-
     three, four = load_scene("scenario-3"), load_scene("scenario-4")
     (bar,) = (o for o in four.objects if o.role == "static")
     ball = next(o for o in three.objects if o.role == "avoid")

@@ -194,7 +194,6 @@ def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(
     name: str, planned: Planned
 ) -> None:
     """What was found (docs/paper.md): the rim decides, not the tool point."""
-    pytest.importorskip("mujoco")
     from optipromp_sim.simulation import simulate
 
     result = planned(name, "paper", strategy="joint")
@@ -226,7 +225,6 @@ def test_the_sequential_strategy_is_valid_and_passes_as_the_paper_does(
     assert [(s.name, s.solver) for s in result.stages] == ORDER[name]
     for obj, paper in PAPER_M_P[name].items():
         offset = result.metrics.M_p[obj]
-        assert offset is not None
         assert np.sign(offset) == np.sign(paper) == SIDE[obj]
         assert abs(paper) <= abs(offset) <= 0.1
     tools = tool_points(result.trajectory.positions)
@@ -308,7 +306,6 @@ def test_the_paper_s_own_cases_are_feasible(name: str, strategy: Any, seed: int)
         assert within.sum() >= 3
         assert (SIDE[item.id] * off[within, 1]).min() >= wanted[item.id]
         stem = result.metrics.stem_projection[item.id]
-        assert stem is not None
         assert (result.metrics.M_p[item.id] or 0.0) * stem < 0.0
     if name == "paper-3":
         assert (result.metrics.clearance_avoid or 0.0) > 0.0

@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -177,8 +178,6 @@ def test_a_run_is_written_whole(runs, tmp_path):
 
 
 def test_the_docs_list_every_parameter():
-    from pathlib import Path
-
     page = Path(__file__).resolve().parents[4] / "docs" / "simulation.md"
     text = page.read_text(encoding="utf-8")
     for entry in catalogue():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from optipromp.cli import console
 from optipromp.cli.main import app
 from optipromp.core.promp import Basis, ProMP, load_demonstrations, residuals
 
@@ -44,7 +45,6 @@ def test_list_as_json_is_one_document() -> None:
 
 
 def test_presets_are_those_of_the_library() -> None:
-    from optipromp.cli import console
     from optipromp_sim.generate import PRESETS
 
     assert get_args(console.Preset) == PRESETS

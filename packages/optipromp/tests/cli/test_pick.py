@@ -40,7 +40,6 @@ def pick(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_pick_is_written_with_its_way_out(pick: Path) -> None:
     assert {path.name for path in pick.iterdir()} == FILES | OUT
     made = load_pick(pick)
-    assert isinstance(made, Picked)
     assert list(made.legs) == LEGS
     rows = np.genfromtxt(pick / "retreat.csv", delimiter=",", names=True)
     assert rows["time"][-1] == pytest.approx(made.legs["retreat"].duration)
@@ -49,7 +48,6 @@ def test_a_pick_is_written_with_its_way_out(pick: Path) -> None:
 
 
 def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     done = invoke("simulate", pick, "--out", tmp_path, "--json")
     assert done.exit_code == 0, done.stdout
     made = load_pick(pick)
@@ -67,7 +65,6 @@ def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_
 
 def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Path) -> None:
     """All who are asked of the pick say the same."""
-    pytest.importorskip("mujoco")
     save_scene(generate("table-top", 743004), tmp_path / "scene.yaml")
     alone = invoke("plan", tmp_path / "scene.yaml", "--reach", "--json")
     assert json.loads(alone.stdout)["status"] == "HARM_PREDICTED"
@@ -86,7 +83,6 @@ def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Pat
 
 
 def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     save_scene(generate("table-top", 743009), tmp_path / "scene.yaml")
     done = invoke("plan", tmp_path / "scene.yaml", "--no-figures", "--out", tmp_path, "--json")
     document = json.loads(done.stdout)
@@ -102,7 +98,6 @@ def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
 def test_without_a_tool_or_a_target_a_reach_is_planned(tmp_path: Path) -> None:
     scene = load_scene("scenario-4")
     target = scene.target
-    assert target is not None
     goal = PoseGoal(target.position, np.array([0.0, 0.0, 1.0]))
     kept = tuple(item for item in scene.objects if item is not target)
     scenes = {

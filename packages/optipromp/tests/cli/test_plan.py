@@ -13,6 +13,7 @@ import pytest
 from tests.cli.fixtures import call, invoke, read
 from tests.folders import FILES
 
+from optipromp import PlanOptions
 from optipromp.core.output import load_plan
 from optipromp.core.planning import plan
 from optipromp.core.scenes.io import save_scene
@@ -68,7 +69,6 @@ def test_the_command_plans_what_the_library_plans() -> None:
     words = "plan scenario-3 --reach --seed 5 --set waypoints=60 --duration 6 --json"
     code, stdout, _ = call(*words.split())
     assert code == 0
-    from optipromp import PlanOptions
 
     result = plan("scenario-3", seed=5, options=PlanOptions(waypoints=60, duration=6.0))
     assert read(stdout)["metrics"] == read(json.dumps(result.metrics.to_dict()))

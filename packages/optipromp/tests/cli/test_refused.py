@@ -6,6 +6,7 @@ import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -182,8 +183,6 @@ def test_objects_of_hundreds_of_metres_are_told(folder: Path) -> None:
 def test_a_scene_may_read_where_it_is_allowed(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from random import Random
-
     other = folder / "other"
     (other / "scenes").mkdir(parents=True)
     (folder / "cube.obj").write_bytes(obj())
@@ -247,8 +246,6 @@ ARM = ["--robot", "arm.urdf"]
     ids=lambda command: " ".join(part[:12] for part in command),
 )  # fmt: skip
 def test_names_that_no_file_can_have(folder: Path, command: list[str]) -> None:
-    from random import Random
-
     (folder / "s.json").write_text(json.dumps(MINIMAL))
     (folder / "arm.urdf").write_text(chain(Random(1)))
     (folder / "cube.obj").write_bytes(obj())

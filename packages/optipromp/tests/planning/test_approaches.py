@@ -37,8 +37,6 @@ def test_a_refused_plan_becomes_harmless_at_an_angle(refused: Scene) -> None:
     assert straight.status == Code.HARM_PREDICTED
     made = plan(allowed(refused))
     assert made.success
-    assert straight.prediction is not None
-    assert made.prediction is not None
     assert made.prediction.harm < straight.prediction.harm
     away = np.degrees(np.arccos(made.scene.frame[2] @ refused.frame[2]))
     assert 0.0 < away <= 25.0 + 1e-6
@@ -65,8 +63,6 @@ def test_a_scene_that_allows_none_or_needs_none_is_planned_straight(refused: Sce
 
 def test_approaches_stay_in_the_cone_and_the_target_in_the_mouth(refused: Scene) -> None:
     robot = plan(refused).robot
-    assert robot.tool is not None
-    assert refused.target is not None
     room = robot.tool.mouth[0] - refused.target.radius
     for cone, aside in ((25.0, 0.0), (0.0, 0.5), (10.0, 0.003), (None, None)):
         task = resolve(allowed(refused, cone, aside), robot)
@@ -130,7 +126,6 @@ def test_the_cone_outlives_a_file_and_a_transformation(tmp_path, refused: Scene)
     assert (again.cone, again.aside) == (25.0, 0.01)
     np.testing.assert_allclose(again.shift, scene.approach.shift)
     assert again.lead is not None
-    assert scene.approach.lead is not None
     np.testing.assert_allclose(again.lead, scene.approach.lead)
     turned = scene.transformed(Pose(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))).approach
     np.testing.assert_allclose(turned.shift, [-0.001, 0.0, 0.0], atol=1e-12)
@@ -185,7 +180,6 @@ def test_the_room_beside_a_leaning_cone_is_shared() -> None:
     """The tool ends under the middle of the outline, which is not under the target's centre."""
     task = resolve(untold(generate("wild", 175047)))
     target, axis = task.scene.target, task.scene.frame[2]
-    assert target is not None
     middle = fits(target, axis[None], task.robot.tool)[2][0]
     assert np.linalg.norm(middle) > 0.002
     assert middle @ axis == pytest.approx(0.0, abs=1e-9)

@@ -37,7 +37,6 @@ def task_of(which: str | tuple[str, int]) -> Task:
 def tool_path(task: Task) -> ToolPath:
     """The rule's path, or, where nothing is in the way, the approach line."""
     if not task.neighbours:
-        assert isinstance(task.goal, PoseGoal)
         return through(np.array([task.camera, task.goal.position]), 0.1)
     return through(rule_paths(task.scene, task.neighbours, task.robot, task.camera)[0], 0.1)
 
@@ -60,8 +59,6 @@ def first(which: str | tuple[str, int]) -> Start:
 @pytest.mark.parametrize("which", SCENES)
 def test_the_tool_is_on_its_path_with_the_axis_of_the_approach(which: str) -> None:
     task, start = task_of(which), first(which)
-    assert isinstance(task.goal, PoseGoal)
-    assert start.path is not None
     on_path = start.followed[start.waypoints.first :]
     points, axes = task.robot.tool_pose(on_path)
     fine = start.path.at(np.linspace(0.0, 1.0, 20_000))
@@ -77,7 +74,6 @@ def test_the_tool_is_on_its_path_with_the_axis_of_the_approach(which: str) -> No
 @pytest.mark.parametrize("which", SCENES)
 def test_a_followed_trajectory_begins_at_the_start_and_ends_at_the_goal(which: str) -> None:
     task, start = task_of(which), first(which)
-    assert isinstance(task.goal, PoseGoal)
     np.testing.assert_array_equal(start.followed[0], task.start)
     point, axis = task.robot.tool_pose(start.followed[-1])
     assert np.linalg.norm(point - task.goal.position) < 1e-6
@@ -114,8 +110,6 @@ def test_a_braked_tool_comes_to_rest_at_the_end(count: int) -> None:
 def test_the_conditioned_primitive_passes_its_stations_within_millimetres(which: str) -> None:
     """Ends exactly and at rest; tool points and axes nearly: inverse kinematics does the rest."""
     task, start = task_of(which), first(which)
-    assert isinstance(task.goal, PoseGoal)
-    assert start.path is not None
     promp = learnt(task, None)
     share = np.linspace(0.0, 1.0, FOLLOW.stations)
     z0 = start.waypoints.phases[start.waypoints.first]

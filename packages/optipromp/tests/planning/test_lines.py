@@ -198,11 +198,9 @@ def test_saved_way_points_are_the_same_and_turn_with_the_frame(tmp_path: Path) -
     assert scene_to_dict(scene_from_dict(told)) == told
     assert told["waypoints"]["speed"] == 0.2
     moved = asked.transformed(Pose(np.array([0.1, 0.2, 0.3]), np.array([HALF, HALF, 0.0, 0.0])))
-    assert moved.waypoints is not None
     np.testing.assert_allclose(moved.waypoints.points[0].position, [0.45, -0.3, 0.6], atol=1e-12)
     np.testing.assert_allclose(moved.waypoints.points[0].axis, [0.0, 1.0, 0.0], atol=1e-12)
     based = scene(POINTS, base={"position": [0, 0, 0.3]}, scale=1.0)
-    assert based.waypoints is not None
     np.testing.assert_allclose(based.waypoints.points[0].position, [0.35, 0.3, 0.2])
     save_scene(asked, tmp_path / "s.yaml")
     write_plan(plan(load_scene(tmp_path / "s.yaml")), tmp_path / "out")

@@ -58,7 +58,6 @@ def test_helpers_plan_and_their_arrays_come_back_read_only(monkeypatch: pytest.M
     helped = [result for result in results if isinstance(result, Plan)]
     assert helped
     for array in (helped[0].trajectory.positions, helped[0].robot.lower, helped[0].scene.start):
-        assert array is not None
         assert not array.flags.writeable
 
 
@@ -227,7 +226,6 @@ def interrupted(folder: Path, wait: float, code: str) -> str:
         [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
     )  # fmt: skip
-    assert process.stdout is not None
     try:
         said = process.stdout.readline()
         time.sleep(wait)

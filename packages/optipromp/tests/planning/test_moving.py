@@ -205,7 +205,6 @@ class Slow:
 def test_time_holds_for_several_goals_and_what_was_not_tried_is_told(
     bare: Scene, what: str
 ) -> None:
-    assert isinstance(bare.goal, JointGoal)
     away = [JointGoal(bare.goal.joints + 0.01 * np.eye(7)[0] * k) for k in range(30)]
     motion = ObjectMotion(np.array([0.0, 60.0]), np.array([4.0 * OUT, 5.0 * OUT]))
     ball = SceneObject("ball", "static", Sphere(0.06), 4.0 * OUT)

@@ -73,13 +73,10 @@ def test_a_pushable_is_taken_where_it_will_be(usual: Plan, by: float, until: flo
     made = optipromp.plan(scene)
     assert made.success, made.message
     assert made.scene.objects == scene.objects
-    assert made.prediction is not None
     assert made.prediction.harm <= made.prediction.threshold
     run = optipromp.simulate(made)
     assert run.success, run.outcome.message
     passed, before = made.metrics.passage["n1"], usual.metrics.passage["n1"]
-    assert passed is not None
-    assert before is not None
     assert np.abs(np.subtract(passed, before)).max() > 0.005  # another way past it
     again = optipromp.plan(scene)
     np.testing.assert_array_equal(again.trajectory.positions, made.trajectory.positions)
@@ -91,8 +88,6 @@ def test_a_push_that_the_motion_makes_harmful_is_no_success(usual: Plan) -> None
     assert usual.success
     found = optipromp.judge(scene, usual.trajectory, robot=usual.robot)
     assert found.status is Code.HARM_PREDICTED
-    assert found.prediction is not None
-    assert usual.prediction is not None
     assert found.prediction.harm > 2.0 * usual.prediction.harm
 
 
@@ -123,7 +118,6 @@ def test_in_the_simulation_the_root_is_led_and_the_fruit_follows() -> None:
     assert ends.positions[row] - begin == pytest.approx([0.0, 0.04, 0.0], abs=0.005)
     assert ends.attached[row]
     before = next(o for o in scene.objects if o.id == "n1").stem
-    assert before is not None
     assert ends.stem_ends[row][0] - before.root == pytest.approx([0.0, 0.04, 0.0], abs=1e-4)
 
 

@@ -224,8 +224,6 @@ def test_clearance_is_kept_among_fruits(planned: Planned) -> None:
     plain, wide = (
         planned("scenario-3", avoid_clearance=c).metrics.clearance_avoid for c in (0.012, 0.04)
     )
-    assert plain is not None
-    assert wide is not None
     assert plain < 0.05 < 0.055 < wide
 
 
@@ -238,8 +236,6 @@ def test_links_keep_the_clearance_from_one_another_that_is_asked_for() -> None:
     plain, wide = (plan(scene, options=PlanOptions(self_clearance=c)) for c in (0.005, 0.05))
     assert plain.success
     assert wide.success
-    assert plain.metrics.clearance_self is not None
-    assert wide.metrics.clearance_self is not None
     assert plain.metrics.clearance_self < 0.045
     assert wide.metrics.clearance_self > 0.049
 
@@ -305,8 +301,6 @@ def test_without_prediction_the_tool_goes_the_rules_way(planned: Planned) -> Non
     """All the way to the target; what that does is predicted all the same."""
     ruled, own = planned("scenario-4", prediction=False), planned("scenario-4")
     assert off_path(ruled) < np.sqrt(3.0) * 0.002 < 0.01 < off_path(own)
-    assert ruled.prediction is not None
-    assert own.prediction is not None
     assert own.prediction.harm < 0.5 * ruled.prediction.harm
 
 

@@ -16,6 +16,7 @@ from optipromp.core.scenes import Scene, SceneObject
 from optipromp.looks.appearance import object_parts
 from optipromp_ros.scenes import geometry, read_geometry
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation import simulate
 
 SIZE = 0.06, 0.08, 0.05
 
@@ -80,8 +81,6 @@ def test_planner_and_judge_keep_from_it() -> None:
 
 
 def test_they_are_simulated_and_drawn() -> None:
-    from optipromp_sim.simulation import simulate
-
     scene, result = made()
     assert simulate(result).outcome.picked
     (part,) = object_parts(scene, scene.objects[-1])

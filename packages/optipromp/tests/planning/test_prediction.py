@@ -58,7 +58,6 @@ def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
     verdict = judging.judge(result.scene, result.robot, result.trajectory, stem_side=False)
     assert verdict.violations == ()
     prediction = result.prediction
-    assert prediction is not None
     assert prediction.harm > prediction.threshold
     assert f"{prediction.object} {prediction.cause}".startswith(harmed)
     assert result.message.startswith(f"harm is predicted: {harmed}")
@@ -81,8 +80,6 @@ def test_the_judge_predicts_the_push_that_the_plan_does() -> None:
         whole = tool_motion(task.robot, made.trajectory.positions)
         model, told = model_of(task), judge(made.scene, made.trajectory)
         assert told.status == made.status
-        assert made.prediction is not None
-        assert told.prediction is not None
         assert told.prediction.harm == made.prediction.harm
         apart.append(abs(model.harm(*whole, model.states) - made.prediction.harm))
     assert max(apart) > 0.05
@@ -133,8 +130,6 @@ def test_where_the_rules_path_harms_another_is_found(seed: int) -> None:
     rule, own = plan(scene, options=RULE), plan(scene)
     assert own.success, own.message
     assert not same(own, rule)
-    assert rule.prediction is not None
-    assert own.prediction is not None
     assert rule.prediction.harmful
     assert own.prediction.harm < 0.5 * rule.prediction.harm
 

@@ -100,7 +100,6 @@ def crowd(count: int, role: Any) -> tuple[SceneObject, ...]:
 def test_more_fruits_than_can_be_tried_are_passed_as_the_rule_says(three: Scene) -> None:
     """Where even the neighbours are too many for the model of the push, there is none."""
     target = three.target
-    assert target is not None
 
     def hanging(name: str, at: np.ndarray) -> SceneObject:
         stem = Stem(np.array([at, at + [0.0, 0.0, 0.1]]))

@@ -48,7 +48,6 @@ def assert_is_clear(result: Plan) -> None:
     """All but what the push is predicted to do."""
     m = result.metrics
     assert m.goal_error <= 1e-3
-    assert m.goal_axis_error is not None
     assert m.goal_axis_error <= np.deg2rad(2.0)
     assert (m.clearance_self or 0.0) > 0.0
     assert (m.clearance_pushable or 0.0) > 0.0
@@ -73,14 +72,12 @@ def assert_the_message_names_the_side(result: Plan) -> None:
 
 def assert_the_message_tells_the_pushes(result: Plan) -> None:
     """Of each pushed fruit the force, and where the tool passes it, in millimetres."""
-    assert result.prediction is not None
     told = result.message.split("note: pushed, and passed at (x_g, y_g): ")[1]
     found = re.findall(r"(\w+) (\d+\.\d) N \(([+-]\d+), ([+-]\d+)\) mm", told)
     assert {name for name, *_ in found} == set(result.prediction.forces)
     for name, force, x, y in found:
         assert float(force) == pytest.approx(result.prediction.forces[name], abs=0.051)
         way = result.metrics.passage[name]
-        assert way is not None
         assert (float(x), float(y)) == pytest.approx((1e3 * way[0], 1e3 * way[1]), abs=0.51)
         assert way[1] == result.metrics.M_p[name]
 
@@ -89,7 +86,6 @@ def assert_better_than_the_paper(result: Plan) -> None:
     """Scenario III: each pushable on the paper's side, and farther off."""
     paper = PAPER_M_P["scenario-3"]
     for name, offset in result.metrics.M_p.items():
-        assert offset is not None
         assert np.sign(offset) == np.sign(paper[name])
         assert abs(offset) > abs(paper[name])
 

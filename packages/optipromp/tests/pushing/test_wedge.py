@@ -26,7 +26,6 @@ def law(aside: float, speed: float, friction: float) -> float:
 
 def simulated(aside: float, speed: float, friction: float) -> float:
     """The largest pull on the fruit's stem as the cup comes down at a speed [m/s] [N]."""
-    pytest.importorskip("mujoco")
     from optipromp_sim.simulation import SimulationParameters
     from optipromp_sim.simulation.simulation import Simulation
 
@@ -43,7 +42,6 @@ def simulated(aside: float, speed: float, friction: float) -> float:
         "tool": {"kind": "cup", "radius": CUP, "height": 0.05, "length": 0.1},
     })  # fmt: skip
     robot = resolve(scene).robot
-    assert robot.tool is not None
     floor = robot.tool.front - robot.tool.reach  # over the tool point
     begin = place + np.array([aside, 0.0, ABOVE - floor])
     points = begin - np.linspace(0.0, DOWN, 41)[:, None] * np.array([0.0, 0.0, 1.0])

@@ -10,7 +10,7 @@ import pytest
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import load_arm
-from optipromp.readers import reading
+from optipromp.readers import mjcf, packages, reading
 from optipromp.readers.mjcf import mjcf_files, read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -80,7 +80,6 @@ def test_the_arm_and_its_limits(path: Path) -> None:
     assert (robot.lower[3], robot.upper[3]) == (-0.05, 0.2)
     assert "cube" not in robot.link_names
     assert robot.held_joints == ("left_finger_joint", "right_finger_joint")
-    assert robot.dynamics is not None
     assert robot.dynamics.effort[:3].tolist() == [87.0, 100.0, 28.0]
     assert np.isinf(robot.dynamics.effort[3:]).all()  # a position's control is no force
 
@@ -112,7 +111,6 @@ def test_forward_kinematics_and_masses_of_mujoco(path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     bodies = ["shoulder", None, "upper", "fore", "wrist"]
-    assert robot.dynamics is not None
     for _ in range(50):
         low, high = np.maximum(robot.lower, -3.0), np.minimum(robot.upper, 3.0)
         q = rng.uniform(low, high)
@@ -293,8 +291,6 @@ def test_a_process_that_ends_early_or_goes_on_is_told_of(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Limits so low that MuJoCo itself cannot start, or not end."""
-    from optipromp.readers import mjcf, packages
-
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
 
     def run(**limits: float) -> str:

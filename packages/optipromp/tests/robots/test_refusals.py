@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import struct
 import subprocess
 import sys
 import warnings
@@ -290,8 +291,6 @@ def test_more_than_a_robot_may_have(write: Writer) -> None:
 
 def sphere_stl(path: Path, sides: int) -> None:
     """A sphere of radius 0.1 m of 2 sides² triangles, some of them without area."""
-    import struct
-
     turn, down = np.meshgrid(np.linspace(0, 2 * np.pi, sides + 1), np.linspace(0, np.pi, sides + 1))
     ring = [np.sin(down) * np.cos(turn), np.sin(down) * np.sin(turn), np.cos(down)]
     at = 0.1 * np.stack(ring, axis=-1)

@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+import yaml
 from tests.robots.links import Writer, joint
 
 from optipromp.core.errors import InvalidRobotError
@@ -118,8 +119,6 @@ def test_covers_that_always_meet_are_not_pairs(write: Writer) -> None:
 
 
 def entry(**changes: object) -> str:
-    import yaml
-
     content: dict[str, object] = {"format": 1, "name": "mine", "urdf": "robot.urdf"}
     return yaml.safe_dump({**content, **changes})
 

@@ -21,6 +21,7 @@ from optipromp.core.robots import Choice, load_robot
 from optipromp.core.robots.library import UNTRUSTED, load_arm
 from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.scene import bare_robot
+from optipromp.readers import packages
 from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.trials import setting_of
 
@@ -118,8 +119,6 @@ def test_a_plan_and_a_study_run_no_xacro(far: Path) -> None:
 
 
 def test_an_expression_without_end_is_cut(far: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from optipromp.readers import packages
-
     arm = xacro(far / "mark")
     arm.write_text(arm.read_text().replace('name="ab"', f'name="{"${10**10**10}"}"'))
     monkeypatch.setattr(packages, "LIMITS", replace(packages.LIMITS, time=3.0))

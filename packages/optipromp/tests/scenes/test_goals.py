@@ -109,9 +109,7 @@ def test_a_box_turns_with_its_frame(turn: tuple[float, ...]) -> None:
             within=np.array(BOX["position"]),
         ),
     ):  # fmt: skip
-        assert goal.extents is not None
         moved = goal.transformed(pose)
-        assert moved.extents is not None
         corner = goal.position + goal.extents[1] @ off
         np.testing.assert_allclose(
             (pose @ corner - moved.position) @ moved.extents[1], off, atol=1e-12

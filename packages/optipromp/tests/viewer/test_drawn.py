@@ -56,7 +56,6 @@ def test_what_was_picked_goes_with_the_tool_and_pushed_fruits_swing_back() -> No
     made = plan_pick("scenario-4")
     reach, retreat = made.legs.values()
     target, end = reach.scene.target, made.duration
-    assert target is not None
     assert drawn.held(made, reach.duration) == ()
     shown = {time: {one.item.id: one for one in drawn.shown_at(made, time)} for time in (0.0, end)}
     assert shown[0.0].keys() == shown[end].keys() == {item.id for item in reach.scene.objects}
