@@ -84,9 +84,7 @@ def results(tmp_path: Path) -> Path:
     return path
 
 
-def test_the_exit_code_names_the_regression(
-    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_exit_code_names_the_regression(results, tmp_path, capsys):
     base = tmp_path / "baseline.json"
     gate.update([Row(LOWER, "ok", 0.5)], {}, base)
     arguments = ["--from", str(results), "--baseline", str(base)]

@@ -89,9 +89,7 @@ def house(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(
-    house: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(house, capsys):
     assert publish.main(["--run", "--minutes", "0"], house) == 0
     assert "first: command 1 of 2 was not begun" in capsys.readouterr().out
     assert publish.main(["--run"], house) == 1  # there is no a.txt
@@ -111,9 +109,7 @@ def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(
     assert capsys.readouterr().out.startswith("docs/figures.md has other figures")
 
 
-def test_a_result_is_stale_where_its_kind_behaves_otherwise(
-    house: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_is_stale_where_its_kind_behaves_otherwise(house, capsys):
     (row,) = publish.book_of(house)["result"]
 
     def why(found: dict[str, object], **more: str) -> str:

@@ -210,9 +210,7 @@ def test_times_that_look_like_milliseconds_are_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["csv", "npz"])
 @pytest.mark.parametrize("low", [-np.pi, 0.0])
-def test_a_recording_within_one_turn_is_the_motion_and_a_word_of_it(
-    tmp_path: Path, form: str, low: float
-) -> None:
+def test_a_recording_within_one_turn_is_the_motion_and_a_word_of_it(tmp_path, form, low):
     """Also where rows are far apart: a step of half a turn is one, a whole turn is none."""
     turn, times = 2.0 * np.pi, np.linspace(0.0, 3.0, 31)
     begin = low + turn - 0.28

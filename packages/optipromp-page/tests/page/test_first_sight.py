@@ -54,9 +54,7 @@ def framed(opened: Opened, width: int, height: int) -> bool:
     return np.allclose(camera.position, was)
 
 
-def test_the_view_leaves_the_panel_its_place_and_follows_the_size_of_the_tab(
-    desk: Opened, phone: Opened
-) -> None:
+def test_the_view_leaves_the_panel_its_place_and_follows_the_size_of_the_tab(desk, phone):
     for opened, screen in ((desk, DESK), (phone, PHONE)):
         width, height = screen["viewport"].values()
         panel = opened.tab.locator(".mantine-Paper-root").filter(has=opened.tab.locator(".status"))

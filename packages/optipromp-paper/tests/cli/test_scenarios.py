@@ -46,9 +46,7 @@ def structure(text: str) -> list[str]:
     return [line.replace("n# and n# are swallowed", "n# is swallowed") for line in lines]
 
 
-def test_the_page_holds_the_tables_that_the_command_makes(
-    scenario_rows: Rows,
-) -> None:
+def test_the_page_holds_the_tables_that_the_command_makes(scenario_rows):
     """Header, cases, statuses, which tests of the paper hold, causes; the numbers may differ."""
     kept, made = tables(PAGE.read_text(encoding="utf-8")), markdown(scenario_rows)
     assert structure(kept) == structure(made)
@@ -82,9 +80,7 @@ def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:
     assert plain.read_text(encoding="utf-8") == "new"
 
 
-def test_scenarios_end_as_in_the_paper(
-    scenario_rows: tuple[Any, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scenarios_end_as_in_the_paper(scenario_rows, tmp_path, monkeypatch):
     """The rows are those of the session: the command would make the same."""
     monkeypatch.setattr(scenarios, "run_scenarios", lambda **_: scenario_rows)
     done = CliRunner().invoke(app, ["scenarios", "--json"])

@@ -79,9 +79,7 @@ VALID = (Code.SUCCESS, Code.HARM_PREDICTED)
 
 @pytest.mark.parametrize("strategy", ["joint", "sequential"])
 @pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
-def test_constraint_1_holds_at_every_waypoint_of_the_window(
-    name: str, strategy: str, planned: Planned
-) -> None:
+def test_constraint_1_holds_at_every_waypoint_of_the_window(name, strategy, planned):
     result = planned(name, "paper", strategy=strategy)
     assert result.status in VALID, result.message
     for obj, offsets in aside(result).items():
@@ -190,9 +188,7 @@ def test_rows_push_as_their_penalty_falls(seed: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
-def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(
-    name: str, planned: Planned
-) -> None:
+def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(name, planned):
     """What was found (docs/paper.md): the rim decides, not the tool point."""
     from optipromp_sim.simulation import simulate
 
@@ -216,9 +212,7 @@ PAPER_M_P = {
 
 
 @pytest.mark.parametrize("name", ORDER)
-def test_the_sequential_strategy_is_valid_and_passes_as_the_paper_does(
-    name: str, planned: Planned
-) -> None:
+def test_the_sequential_strategy_is_valid_and_passes_as_the_paper_does(name, planned):
     """Signs as in Table I, no less far aside, and no tool that wanders off."""
     result = planned(name, "paper", constraints="push-model")
     assert result.status in VALID, result.message

@@ -136,9 +136,7 @@ def test_an_error_under_json_is_still_one_document() -> None:
 
 
 @pytest.mark.parametrize("command", [["plan", "scenario-3"], ["scenarios"]])
-def test_an_unwritable_folder_is_refused_before_the_work(
-    tmp_path: Path, command: list[str]
-) -> None:
+def test_an_unwritable_folder_is_refused_before_the_work(tmp_path, command):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
     result = runner.invoke(app, [*command, "--out", str(blocked / "reach")])
@@ -159,9 +157,7 @@ def test_learn_leaves_a_primitive_that_check_knows(demonstrations: Path, tmp_pat
     assert (checked["kind"], checked["bases"]) == ("primitive", 7)
 
 
-def test_learn_says_its_residual_and_how_many_bases_it_chose(
-    demonstrations: Path, tmp_path: Path
-) -> None:
+def test_learn_says_its_residual_and_how_many_bases_it_chose(demonstrations, tmp_path):
     out = tmp_path / "reach.npz"
     arguments = ["learn", str(demonstrations), "--out", str(out), "--no-figure"]
     document = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)

@@ -31,9 +31,7 @@ def planned(document: dict[str, Any], folder: Path) -> Any:
     return invoke("plan", folder / "held.yaml", "--no-figures", "--out", folder / "plan", "--json")
 
 
-def test_the_cup_goes_to_the_board_that_it_may_touch_and_the_punnet_goes_along(
-    document: dict[str, Any], tmp_path: Path
-) -> None:
+def test_the_cup_goes_to_the_board_that_it_may_touch_and_the_punnet_goes_along(document, tmp_path):
     result = planned(document, tmp_path)
     assert result.exit_code == 0, result.stdout
     assert json.loads(result.stdout)["metrics"]["clearance_static"] > 0.0

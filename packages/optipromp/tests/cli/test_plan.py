@@ -165,9 +165,7 @@ def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("deviation", "helps"), [(0.0085, True), (0.02, False)])
-def test_a_second_picture_is_asked_for_where_it_would_help(
-    deviation: float, helps: bool, tmp_path: Path
-) -> None:
+def test_a_second_picture_is_asked_for_where_it_would_help(deviation, helps, tmp_path):
     """Places known to 8.5 mm allow no promise, to 6 mm one; 20 mm and 14 mm none."""
     scene = generate("cluster", 5).each(
         lambda item: (

@@ -180,9 +180,7 @@ def test_objects_of_hundreds_of_metres_are_told(folder: Path) -> None:
     assert "millimetres?" in result.stderr
 
 
-def test_a_scene_may_read_where_it_is_allowed(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_may_read_where_it_is_allowed(folder, monkeypatch):
     other = folder / "other"
     (other / "scenes").mkdir(parents=True)
     (folder / "cube.obj").write_bytes(obj())

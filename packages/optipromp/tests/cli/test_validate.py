@@ -31,9 +31,7 @@ def told(path: Path, *more: str, scene: str = "scenario-3") -> tuple[int, dict[s
     return code, json.loads(stdout)
 
 
-def test_a_plan_is_valid_in_each_of_its_forms(
-    reach: Path, good: Trajectory, tmp_path: Path
-) -> None:
+def test_a_plan_is_valid_in_each_of_its_forms(reach, good, tmp_path):
     shuffled = [3, 0, 6, 1, 2, 5, 4]
     names = tuple(f"panda_{good.joint_names[j]}" for j in shuffled)
     rows = [values[:, shuffled] for values in good.rows()]
@@ -174,9 +172,7 @@ def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
         assert ("below the floor" in stderr) is said
 
 
-def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(
-    tmp_path: Path,
-) -> None:
+def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(tmp_path):
     """Both were right."""
     scene = load_scene("scenario-3")
     first = scene.pushables[0]

@@ -127,9 +127,7 @@ def test_clearances_are_coals(name: str, panda: Robot) -> None:
 
 
 @pytest.mark.parametrize("role", ["static", "avoid", "pushable"])
-def test_a_mesh_of_a_box_is_the_box(
-    role: str, panda: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mesh_of_a_box_is_the_box(role, panda, monkeypatch):
     monkeypatch.setattr(clearance, "CONFIGURATIONS", 2)  # of a long motion not all are in memory
     size = (0.3, 0.1, 0.5)
     for seed, at in enumerate(([0.4, 0.1, 0.5], [0.3, -0.4, 0.2], [0.9, 0.3, 0.8])):

@@ -172,9 +172,7 @@ def test_the_window_is_the_extent_along_the_approach(shape: Shape, gantry: Robot
 
 @pytest.mark.parametrize("stem", [None, (0.0, 0.0, 0.2), (0.05, 0.0, 0.2)])
 @pytest.mark.parametrize("y", [-0.03, 0.03])
-def test_where_no_stem_decides_the_side_that_is_passed_counts(
-    stem: Any, y: float, gantry: Robot
-) -> None:
+def test_where_no_stem_decides_the_side_that_is_passed_counts(stem, y, gantry):
     metrics = passages(gantry, stem, lambda h: (-0.01, y)).metrics
     assert metrics.drift_shortfall["n"] == pytest.approx(0.02)
     assert (metrics.stem_gap["n"] is None) == (stem is None)

@@ -169,9 +169,7 @@ def test_a_violation_is_data_too(gantry: Robot) -> None:
     assert judgement.message == "; ".join(str(v) for v in judgement.violations)
 
 
-def test_a_start_may_be_reported_a_turn_off_and_a_goal_only_of_a_joint_without_limits(
-    wheel: Robot,
-) -> None:
+def test_a_start_may_be_reported_a_turn_off_and_a_goal_only_of_a_joint_without_limits(wheel):
     turn = 2.0 * np.pi
     for low, high, kinds in (
         (-np.inf, np.inf, []), (-turn, turn, ["goal"]), (-3.3, 2.9, ["start", "goal"]),

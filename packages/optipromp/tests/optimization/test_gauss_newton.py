@@ -75,9 +75,7 @@ def test_a_value_that_is_known_is_not_asked_for_again(panda: Any) -> None:
 
 
 @pytest.mark.parametrize(("penalty", "keeps"), [(0.0, True), (0.29, True), (0.31, False)])
-def test_a_start_that_nearly_keeps_the_constraints_is_told_from_one_that_does_not(
-    penalty: float, keeps: bool
-) -> None:
+def test_a_start_that_nearly_keeps_the_constraints_is_told_from_one_that_does_not(penalty, keeps):
     assert GaussNewtonOptions(kept=0.3).keeps(Value(1.0 + penalty, {}, 1.0, penalty)) is keeps
 
 

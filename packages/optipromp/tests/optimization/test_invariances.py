@@ -1,6 +1,5 @@
 """What changes nothing in the value of a problem: turning, order, place, time, the cutoff."""
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -68,9 +67,7 @@ def test_turning_the_world_with_the_base_changes_nothing(panda: Any, turn: float
 
 @settings(max_examples=15, deadline=None)
 @given(x=shift, y=shift, z=st.floats(0.0, 1.0), radius=st.floats(0.01, 0.2))
-def test_one_more_obstacle_never_lowers_a_cost(
-    panda: Any, x: float, y: float, z: float, radius: float
-) -> None:
+def test_one_more_obstacle_never_lowers_a_cost(panda, x, y, z, radius):
     base = panda.surroundings()
     extra = (Sphere(radius), np.array([x, y, z]), np.eye(3))
     shape = (Sphere(0.05), panda.near_body(3, 50, 0.1), np.eye(3))
@@ -87,9 +84,7 @@ def test_one_more_obstacle_never_lowers_a_cost(
 
 @settings(max_examples=25, deadline=None)
 @given(offset=st.lists(shift, min_size=7, max_size=7), factor=st.floats(0.1, 3.0))
-def test_joint_space_terms_know_no_place_and_scale_with_the_square(
-    panda: Any, offset: list[float], factor: float
-) -> None:
+def test_joint_space_terms_know_no_place_and_scale_with_the_square(panda, offset, factor):
     terms = [VelocityCost(1.0), SmoothnessCost(0.01)]
     problem = panda.problem(terms, surroundings=NOTHING)
     plain = values_of(problem, panda.q)
@@ -122,9 +117,7 @@ def test_an_evaluation_leaves_its_input_alone_and_repeats(panda: Any) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-def test_the_cutoff_is_no_part_of_the_answer(
-    panda: Any, unbanded: Callable[..., np.ndarray]
-) -> None:
+def test_the_cutoff_is_no_part_of_the_answer(panda, unbanded):
     """Bounding spheres skip what cannot matter: with a huge cutoff nothing is skipped."""
     terms = [ObstacleCost("static", 1.0, 0.05, "sum"), ObstacleCost("avoid", 1.0, 0.05, "max")]
     results = []

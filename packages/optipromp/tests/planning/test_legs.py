@@ -126,9 +126,7 @@ def test_what_is_pressed_on_the_way_out_is_predicted(caught: Picked) -> None:
 
 
 @pytest.mark.parametrize("asked", [{"approach_speed": 0.05}, {"duration": 6.0}])
-def test_a_speed_or_a_duration_that_is_asked_for_holds_for_the_way_out(
-    asked: dict[str, float],
-) -> None:
+def test_a_speed_or_a_duration_that_is_asked_for_holds_for_the_way_out(asked):
     scene = replace(placing("tight", 3), place=None)
     slow = plan_pick(scene, options=PlanOptions(**asked)).legs[RETREAT]  # type: ignore[arg-type]
     fastest = asked.get("approach_speed", 0.1) * 1.1
@@ -149,9 +147,7 @@ def harmful() -> Picked:
 
 
 @pytest.mark.parametrize("name", ["harmful", "unplaced"])
-def test_a_pick_whose_later_leg_failed_is_executed_up_to_there(
-    name: str, request: pytest.FixtureRequest, tmp_path: Path
-) -> None:
+def test_a_pick_whose_later_leg_failed_is_executed_up_to_there(name, request, tmp_path):
     made: Picked = request.getfixturevalue(name)
     *before, failed = made.legs
     assert [made.legs[leg].success for leg in made.legs] == [True] * len(before) + [False]
@@ -198,9 +194,7 @@ def test_the_simulation_carries_the_fruit_to_its_place(picked: Picked) -> None:
     assert abs(away - np.linalg.norm(held)) < 0.005
 
 
-def test_a_leg_of_another_plan_is_passed_over_and_a_bad_one_refused(
-    picked: Picked, tmp_path: Path
-) -> None:
+def test_a_leg_of_another_plan_is_passed_over_and_a_bad_one_refused(picked, tmp_path):
     write_pick(picked, tmp_path)
     (tmp_path / "carry.npz").write_bytes((tmp_path / "retreat.npz").read_bytes())
     with pytest.raises(InvalidPlanError, match=r"carry\.npz: judged again"):

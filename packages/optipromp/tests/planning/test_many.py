@@ -75,9 +75,7 @@ def test_a_plan_comes_back_with_the_scene_that_was_given(tmp_path: Path) -> None
         assert result.robot.tool == resolve(result.scene).robot.tool
 
 
-def test_helpers_see_the_callers_environment_of_now(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_helpers_see_the_callers_environment_of_now(tmp_path, monkeypatch):
     """Though the server that they come from may have started before it changed."""
     plan_many(["scenario-3"] * 2, planner="promp", workers=2)
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path))

@@ -146,9 +146,7 @@ def test_the_tool_is_as_slow_among_fruits_as_asked_for(speed: float, planned: Pl
 
 
 @pytest.mark.parametrize("options", [{"approach_speed": 0.2}, {"duration": 3.5}])
-def test_what_is_asked_for_too_fast_among_fruits_is_made_and_no_success(
-    options: dict[str, float], planned: Planned
-) -> None:
+def test_what_is_asked_for_too_fast_among_fruits_is_made_and_no_success(options, planned):
     result = planned("scenario-3", **options)
     assert result.status is Code.INVALID_PLAN
     assert "among fruits (pushes are predicted for 0.1)" in result.message
@@ -277,9 +275,7 @@ def test_a_tighter_corridor_keeps_the_tool_nearer_to_its_path(planned: Planned) 
 
 
 @pytest.mark.parametrize("prediction", [True, False])
-def test_zero_iterations_return_the_followed_trajectory_and_say_so(
-    prediction: bool, planned: Planned
-) -> None:
+def test_zero_iterations_return_the_followed_trajectory_and_say_so(prediction, planned):
     result = planned("scenario-3", iterations=0, prediction=prediction)
     np.testing.assert_array_equal(result.trajectory.positions, result.followed.positions)
     assert not np.array_equal(result.followed.positions, result.initial.positions)

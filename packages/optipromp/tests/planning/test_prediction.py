@@ -1,6 +1,5 @@
 """What the push of a plan is predicted to do, whoever planned it; and which path that chooses."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -48,9 +47,7 @@ def same(one: Plan, other: Plan) -> bool:
     ("planner", "harmed"),
     [("promp", "n1 and n2 are swallowed"), ("i-promp", "n1 and n2 are swallowed")],
 )
-def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
-    planner: str, harmed: str, planned: Callable[..., Plan]
-) -> None:
+def test_a_plan_that_is_predicted_to_do_harm_is_no_success(planner, harmed, planned):
     """The judge finds nothing wrong with scenario 3; the model of the push names the fruit."""
     result = planned("scenario-3", planner)
     assert result.status is Code.HARM_PREDICTED

@@ -42,9 +42,7 @@ def tool_frame(made: Plan) -> np.ndarray:
     ("orientation", "fingers"),
     [([0, 1, 0, 0], [0.0, -1.0, 0.0]), ([0, HALF, HALF, 0], [1.0, 0.0, 0.0])],
 )
-def test_a_whole_orientation_is_reached(
-    orientation: list[float], fingers: list[float], tool: Any
-) -> None:
+def test_a_whole_orientation_is_reached(orientation, fingers, tool):
     made = plan(scene(AT | {"orientation": orientation}, **({"tool": tool} if tool else {})))
     assert_success(made)
     frame = tool_frame(made)

@@ -197,9 +197,7 @@ def test_noise_in_the_scene(seed: int, three: Scene, noisy: Callable[..., Scene]
 
 
 @pytest.mark.parametrize("count", [3, pytest.param(20, marks=pytest.mark.slow)])
-def test_other_targets(
-    count: int, three: Scene, moved: Callable[..., Scene], recorded: Path
-) -> None:
+def test_other_targets(count, three, moved, recorded):
     assert plans([moved(three, seed) for seed in range(count)], demonstrations=recorded) == []
 
 
@@ -207,9 +205,7 @@ def test_other_targets(
 @pytest.mark.parametrize(
     ("name", "shown"), [("scenario-3", None), ("scenario-4", None), ("scenario-3", "recorded")]
 )
-def test_noise_over_fifty_seeds(
-    name: str, shown: str | None, noisy: Callable[..., Scene], request: pytest.FixtureRequest
-) -> None:
+def test_noise_over_fifty_seeds(name, shown, noisy, request):
     scene = load_scene(name)
     demonstrations = request.getfixturevalue(shown) if shown else None
     faults = plans([noisy(scene, seed) for seed in range(50)], demonstrations=demonstrations)

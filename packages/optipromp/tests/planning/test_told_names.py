@@ -2,10 +2,8 @@
 
 import copy
 import pickle
-from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
-from typing import Any
 
 import pytest
 
@@ -30,9 +28,7 @@ from optipromp_sim.simulation.parameters import ControlParameters
         (lambda: plan_sequence("scenario-3", ["ripe"], risc=0.1), "has no argument", "risk"),
     ],
 )  # fmt: skip
-def test_a_wrong_name_is_refused_with_the_nearest(
-    call: Callable[[], Any], wrong: str, right: str
-) -> None:
+def test_a_wrong_name_is_refused_with_the_nearest(call, wrong, right):
     with pytest.raises(InvalidRequestError) as told:
         call()
     assert wrong in told.value.message
@@ -52,9 +48,7 @@ def test_a_wrong_name_is_refused_with_the_nearest(
         (lambda: make("opti-promp", strategy="sequential"), "strategy"),
     ],
 )
-def test_a_setting_that_went_to_the_paper_s_planner_names_it(
-    call: Callable[[], Any], key: str
-) -> None:
+def test_a_setting_that_went_to_the_paper_s_planner_names_it(call, key):
     with pytest.raises(InvalidRequestError) as told:
         call()
     assert f"write planner=optipromp.Paper({key}=...)" in told.value.message

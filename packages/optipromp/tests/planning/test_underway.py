@@ -289,9 +289,7 @@ def test_refusals(before: Plan) -> None:
 
 
 @pytest.mark.parametrize("share", [0.5, 0.8])
-def test_fruits_seen_elsewhere_before_their_push_keep_the_push_so_far(
-    before: Plan, share: float
-) -> None:
+def test_fruits_seen_elsewhere_before_their_push_keep_the_push_so_far(before, share):
     """2 mm each; a tracker gives them as they hung, another scene as they are."""
     at = share * before.trajectory.duration
     moved = tuple(

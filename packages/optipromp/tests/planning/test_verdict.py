@@ -300,9 +300,7 @@ DRAWN = given(
 
 @settings(max_examples=25, deadline=None)
 @DRAWN
-def test_whoever_asks_is_told_the_same(
-    scene: Scene, seed: int, again_at: float | None, tampered: str
-) -> None:
+def test_whoever_asks_is_told_the_same(scene, seed, again_at, tampered):
     """Robustness 3 to 5."""
     assert_one_verdict(scene, seed, again_at, tampered)
 
@@ -316,9 +314,7 @@ def test_the_report_is_told_the_same(which: str) -> None:
 @pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @DRAWN
-def test_whoever_asks_is_told_the_same_at_length(
-    scene: Scene, seed: int, again_at: float | None, tampered: str
-) -> None:
+def test_whoever_asks_is_told_the_same_at_length(scene, seed, again_at, tampered):
     assert_one_verdict(scene, seed, again_at, tampered, report=tampered == "nothing")
 
 

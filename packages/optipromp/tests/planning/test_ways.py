@@ -145,9 +145,7 @@ def from_furniture(family: Furniture, seed: int) -> Scene:
 
 @given(st.integers(2, 6), st.integers(0, 2**31), st.integers(20, 300), st.booleans())
 @settings(max_examples=50)
-def test_waypoints_along_a_way_start_slowly_and_stay_on_it(
-    count: int, seed: int, waypoints: int, stop: bool
-) -> None:
+def test_waypoints_along_a_way_start_slowly_and_stay_on_it(count, seed, waypoints, stop):
     corners = np.random.default_rng(seed).uniform(-2.0, 2.0, (count, 5))
     q = follow.along_corners(corners, waypoints, stop=stop)
     np.testing.assert_allclose(q[[0, -1]], corners[[0, -1]], atol=1e-12)

@@ -23,9 +23,7 @@ from optipromp_sim.generate import generate
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), min_size=1, max_size=20))
-def test_the_cheapest_comes_first_and_no_work_is_done_that_cannot_be_cheaper(
-    given: list[tuple[float, float]],
-) -> None:
+def test_the_cheapest_comes_first_and_no_work_is_done_that_cannot_be_cheaper(given):
     """Each pair is a bound, and what the rank exceeds the bound by."""
     worked: list[float] = []
 

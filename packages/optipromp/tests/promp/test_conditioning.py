@@ -32,9 +32,7 @@ def random_points(rng: np.random.Generator, n: int, count: int) -> list[JointPoi
 
 @given(seeds, st.integers(1, 6))
 @quick
-def test_the_mean_alone_is_that_of_the_whole_update(
-    make_promp: Make, seed: int, count: int
-) -> None:
+def test_the_mean_alone_is_that_of_the_whole_update(make_promp, seed, count):
     rng, promp = np.random.default_rng(seed), make_promp(seed)
     places = tuple(
         (float(phase), int(rng.integers(3))) for phase in (rng.permutation(count) + 0.5) / count
@@ -96,9 +94,7 @@ def test_order_does_not_matter(make_promp: Make, seed: int, count: int) -> None:
 
 @given(seeds, st.integers(1, 8), st.sampled_from([None, 4, 9]))
 @quick
-def test_covariance_stays_symmetric_and_shrinks(
-    make_promp: Make, seed: int, count: int, rank: int | None
-) -> None:
+def test_covariance_stays_symmetric_and_shrinks(make_promp, seed, count, rank):
     rng = np.random.default_rng(seed)
     promp = make_promp(seed, rank=rank)
     points = [JointPoint(p.phase, p.value, 1e-6) for p in random_points(rng, 3, count)]

@@ -380,9 +380,7 @@ def test_a_minari_dataset_is_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("apart", [[2], [0], [0, 2], [1, 3, 5]])
-def test_demonstrations_a_turn_apart_come_onto_one_turn_if_the_limits_have_room(
-    tmp_path: Path, apart: list[int]
-) -> None:
+def test_demonstrations_a_turn_apart_come_onto_one_turn_if_the_limits_have_room(tmp_path, apart):
     """Their mean is a motion, not one between two turns; also where half of them are apart."""
     turn, s = 2.0 * np.pi, np.linspace(0.0, 1.0, 51)[:, None]
     motions = [np.array([2.9, 0.1]) + s * [0.7, 0.5] + 0.01 * k for k in range(6)]

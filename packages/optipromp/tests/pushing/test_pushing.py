@@ -257,9 +257,7 @@ lean = st.floats(-0.6, 0.6)
     x=lean, y=lean, length=st.floats(0.04, 0.5), radius=st.floats(0.01, 0.08),
     off=st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05)), turn=st.integers(0, 2),
 )  # fmt: skip
-def test_a_pushed_fruit_stays_on_the_arc_of_its_stem(
-    x: float, y: float, length: float, radius: float, off: tuple[float, float], turn: int
-) -> None:
+def test_a_pushed_fruit_stays_on_the_arc_of_its_stem(x, y, length, radius, off, turn):
     approach = APPROACHES[turn]
     direction = np.array([x, y, 1.0]) / np.linalg.norm([x, y, 1.0])
     obj = fruit("n", (*off, -0.1), length * direction, frame=approach.frame)

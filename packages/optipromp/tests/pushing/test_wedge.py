@@ -64,9 +64,7 @@ def simulated(aside: float, speed: float, friction: float) -> float:
 
 @pytest.mark.parametrize("friction", [0.0, 0.2, 0.35])
 @pytest.mark.parametrize("speed", [0.03, 0.1, 0.15])
-def test_the_law_of_the_wedge_tells_the_pull_that_is_simulated(
-    speed: float, friction: float
-) -> None:
+def test_the_law_of_the_wedge_tells_the_pull_that_is_simulated(speed, friction):
     """Nothing is fitted: the stiffness is that of the push model's contacts."""
     assert law(0.037, speed, friction) == pytest.approx(simulated(0.037, speed, friction), rel=0.3)
 

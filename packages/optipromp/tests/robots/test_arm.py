@@ -170,9 +170,7 @@ def test_a_wrist_that_turns_a_jaw_is_of_the_arm(write: Writer) -> None:
 
 
 @pytest.mark.parametrize("written", ['velocity="0"', 'effort="0" velocity="0.0"', ""])
-def test_a_velocity_of_zero_is_none(
-    write: Writer, written: str, recwarn: pytest.WarningsRecorder
-) -> None:
+def test_a_velocity_of_zero_is_none(write, written, recwarn):
     """Some programs write it where they know none. It is told, but where a robot file has others,
     and of joints that are held."""
     limit = f'<limit lower="-1" upper="1" {written}/>'

@@ -96,9 +96,7 @@ def test_what_gravity_needs(write: Writer) -> None:
     np.testing.assert_allclose(gravity_load(robot, q, up), theirs, atol=1e-9)
 
 
-def test_an_arm_too_weak_for_its_weight_is_told_of(
-    write: Writer, recwarn: pytest.WarningsRecorder
-) -> None:
+def test_an_arm_too_weak_for_its_weight_is_told_of(write, recwarn):
     up = np.array([0.0, 0.0, 1.0])
     strong = load_robot(write(heavy(200.0), "strong.urdf"))
     recwarn.clear()

@@ -1,7 +1,6 @@
 """Inverse kinematics: reached by Pinocchio's forward kinematics, and what else it promises."""
 
 from importlib import resources
-from typing import Any
 
 import numpy as np
 import pytest
@@ -104,9 +103,7 @@ def test_the_elbows_of_a_scara_are_both_found(robots: dict[str, Robot]) -> None:
         ("scara", [0.2, 0.3, 2.0], UP),
     ],
 )
-def test_out_of_reach_is_empty(
-    name: str, position: list[float], axis: Any, robots: dict[str, Robot]
-) -> None:
+def test_out_of_reach_is_empty(name, position, axis, robots):
     found = ik.solve(robots[name], np.array(position), np.array(axis))
     assert len(found) == 0
     assert found.joints.shape == (0, robots[name].n_joints)
@@ -157,9 +154,7 @@ def test_what_does_not_matter_rests(robots: dict[str, Robot]) -> None:
         ([0.1, 0.2, 0.3], [1.0], "axis"),
     ],
 )
-def test_bad_goals_are_refused(
-    position: Any, axis: Any, message: str, robots: dict[str, Robot]
-) -> None:
+def test_bad_goals_are_refused(position, axis, message, robots):
     with pytest.raises(InvalidRequestError, match=message):
         ik.solve(robots["panda"], np.array(position), np.array(axis))
 

@@ -38,9 +38,7 @@ def arm(**named: object) -> Measured:
     st.sampled_from([-np.pi, 0.0, -1.0]),
     st.floats(-50.0, 50.0),
 )
-def test_what_is_wound_up_and_unwound_is_the_same_but_for_whole_turns(
-    steps: list[float], low: float, begin: float
-) -> None:
+def test_what_is_wound_up_and_unwound_is_the_same_but_for_whole_turns(steps, low, begin):
     q = np.zeros((len(steps) + 1, 4))
     q[:, 0] = begin + np.append(0.0, np.cumsum(steps))
     told = reported(q, low)
@@ -52,9 +50,7 @@ def test_what_is_wound_up_and_unwound_is_the_same_but_for_whole_turns(
 
 
 @given(st.lists(st.floats(-6.0, 6.0), min_size=8, max_size=8))
-def test_a_turn_is_taken_out_only_of_joints_that_may_and_within_their_limits(
-    values: list[float],
-) -> None:
+def test_a_turn_is_taken_out_only_of_joints_that_may_and_within_their_limits(values):
     q, other = np.array(values[:4]), np.array(values[4:])
     away, on = TURNS.apart(q, other), TURNS.onto(q, other)
     assert np.array_equal(away, on - other)
@@ -89,9 +85,7 @@ def test_robots_say_which_of_their_joints_may_turn() -> None:
     st.sampled_from(["", "fr3_"]),
     st.sampled_from([-np.pi, 0.0]),
 )
-def test_an_arm_of_several_drivers_is_where_that_of_one_is(
-    order: list[int], count: int, before: str, low: float
-) -> None:
+def test_an_arm_of_several_drivers_is_where_that_of_one_is(order, count, before, low):
     """In any order of joints and drivers, and however the encoders count."""
     whole, parts = arm(), arm()
     groups = [order[k::count] for k in range(count)]

@@ -192,9 +192,7 @@ def scattered(tmp_path: Path) -> Path:
     return out
 
 
-def test_a_file_read_before_needs_no_mujoco(
-    path: Path, scattered: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_read_before_needs_no_mujoco(path, scattered, monkeypatch):
     for each in (path, scattered):
         first = load_robot(each)
         reading._held.clear()
@@ -207,9 +205,7 @@ def test_a_file_read_before_needs_no_mujoco(
                 load_robot(each.rename(each.with_stem("other")))  # its name may be the robot's
 
 
-def test_a_change_of_any_file_is_read(
-    scattered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_change_of_any_file_is_read(scattered, tmp_path, monkeypatch):
     """A mesh that changes within a second too, which MuJoCo's own cache does not see."""
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
     trimesh = pytest.importorskip("trimesh")
@@ -276,9 +272,7 @@ def minimal(geom: str = '<geom size=".1"/>', more: str = "", name: str = "a") ->
         (minimal(name="\xff"), "a name in it is no UTF-8"),
     ],
 )  # fmt: skip
-def test_what_would_end_the_process_or_never_end_is_refused(
-    tmp_path: Path, text: str, words: str
-) -> None:
+def test_what_would_end_the_process_or_never_end_is_refused(tmp_path, text, words):
     os.mkfifo(tmp_path / "pipe.stl")
     (tmp_path / "arm.xml").write_bytes(text.encode("latin-1"))
     with pytest.raises(InvalidRobotError) as caught:
@@ -287,9 +281,7 @@ def test_what_would_end_the_process_or_never_end_is_refused(
     assert words in caught.value.message
 
 
-def test_a_process_that_ends_early_or_goes_on_is_told_of(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_process_that_ends_early_or_goes_on_is_told_of(tmp_path, monkeypatch):
     """Limits so low that MuJoCo itself cannot start, or not end."""
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
 

@@ -67,9 +67,7 @@ def test_entity_bomb(write: Writer) -> None:
         '<!DOCTYPE robot SYSTEM "{secret}"><robot name="r"/>',
     ],
 )
-def test_external_entity_is_not_read(
-    write: Writer, tmp_path: Path, doctype: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_external_entity_is_not_read(write, tmp_path, doctype, monkeypatch):
     secret = tmp_path / "secret"
     secret.write_text("<!ENTITY leaked 'secret'>")
     path = write(doctype.format(secret=secret))
@@ -140,9 +138,7 @@ def test_a_joint_far_from_its_parent_is_remarked_on(urdf: Writer) -> None:
 
 
 @pytest.mark.parametrize(("origin", "warned"), [('xyz="0 1.57 0"', 1), ('rpy="0 1.57 0"', 0)])
-def test_a_mesh_that_is_solid_far_from_where_it_is_shown_is_remarked_on(
-    urdf: Writer, origin: str, warned: int
-) -> None:
+def test_a_mesh_that_is_solid_far_from_where_it_is_shown_is_remarked_on(urdf, origin, warned):
     """As in a file that its makers publish: a quarter turn stands in xyz."""
     mesh = '<geometry><mesh filename="nub.stl"/></geometry>'
     shown = f'<visual><origin rpy="0 1.57 0"/>{mesh}</visual>'
@@ -176,9 +172,7 @@ def test_mimic_limits_with_nothing_in_common(urdf: Writer) -> None:
         ('<mesh filename="x.stl" scale="0 1 1"/>', ["scale", "zero"]),
     ],
 )
-def test_shapes_without_size_are_left_out_where_they_only_show(
-    urdf: Writer, shape: str, words: list[str]
-) -> None:
+def test_shapes_without_size_are_left_out_where_they_only_show(urdf, shape, words):
     part = f"<{{0}}><geometry>{shape}</geometry></{{0}}>"
     links = f'<link name="a">{part}</link><link name="b">{BALL}</link><link name="c"/>'
     refused(urdf(links=links.format("collision")), *words)
@@ -325,9 +319,7 @@ def test_a_fine_mesh_takes_little_memory(urdf: Writer, tmp_path: Path) -> None:
     assert int(found.stdout) < 600  # MB
 
 
-def test_a_mesh_too_fine_too_large_or_folded_is_refused(
-    urdf: Writer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mesh_too_fine_too_large_or_folded_is_refused(urdf, tmp_path, monkeypatch):
     pytest.importorskip("trimesh")
     path = urdf(joint("ab", "a", "b"), MESH.format("collision", "part.stl"))
     sphere_stl(tmp_path / "part.stl", 710)
@@ -345,9 +337,7 @@ def test_a_mesh_too_fine_too_large_or_folded_is_refused(
 
 @pytest.mark.parametrize("word", ["nan", "inf", "1e400"])
 @pytest.mark.parametrize("kind", ["obj", "stl", "ply"])
-def test_a_vertex_that_is_not_finite_is_refused(
-    urdf: Writer, tmp_path: Path, word: str, kind: str
-) -> None:
+def test_a_vertex_that_is_not_finite_is_refused(urdf, tmp_path, word, kind):
     """The library that reads meshes leaves its triangles out, which would be free space."""
     trimesh = pytest.importorskip("trimesh")
     box = trimesh.creation.box((0.1, 0.2, 0.3))
@@ -426,9 +416,7 @@ DAE = """<?xml version="1.0"?>
         ("glb", 99, "face 1 names vertex 99: must be 0 to 3"),
     ],
 )
-def test_an_index_of_a_face_that_names_no_vertex_is_refused(
-    urdf: Writer, tmp_path: Path, kind: str, index: int, words: str
-) -> None:
+def test_an_index_of_a_face_that_names_no_vertex_is_refused(urdf, tmp_path, kind, index, words):
     """A negative index counts from the end for the library that reads meshes."""
     pytest.importorskip("trimesh")
     if kind == "dae":

@@ -117,9 +117,7 @@ def worded(old: str, new: str) -> Callable[[dict[str, Any]], None]:
         (changed("lower", lambda a: a.astype(np.float32)), "'lower' must be float64 (7,)"),
     ],
 )
-def test_a_wrong_file_is_refused(
-    tmp_path: Path, change: Callable[[dict[str, Any]], None], told: str
-) -> None:
+def test_a_wrong_file_is_refused(tmp_path, change, told):
     data = dict(np.load(_DATA / "panda.robot"))
     assert set(data) == {"robot", *ARRAYS}
     change(data)
@@ -140,9 +138,7 @@ def test_what_cannot_be_saved_or_chosen(tmp_path: Path) -> None:
         load_robot(tmp_path / "arm.robot", tip="panda_link8")
 
 
-def test_a_scene_names_no_resolved_robot_with_meshes_elsewhere(
-    meshed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_names_no_resolved_robot_with_meshes_elsewhere(meshed, tmp_path, monkeypatch):
     (tmp_path / "here").mkdir()
     monkeypatch.chdir(tmp_path / "here")
     save_robot(load_robot(meshed), tmp_path / "here" / "arm.robot")
@@ -160,9 +156,7 @@ def read(path, choice, check):
 """
 
 
-def test_a_package_reads_another_format(
-    meshed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_reads_another_format(meshed, tmp_path, monkeypatch):
     told = tmp_path / "theirs-1.0.dist-info"
     told.mkdir()
     (told / "METADATA").write_text("Metadata-Version: 2.1\nName: theirs\nVersion: 1.0\n")

@@ -38,9 +38,7 @@ def cup_surface(cup: Cup) -> np.ndarray:
 )
 @example(radius=0.0390625, height=2.0, length=0.0, share=0.5, steep=0.0)
 @example(radius=0.05, height=0.05, length=0.1, share=0.9, steep=0.7)
-def test_cup_is_covered_and_little_more(
-    radius: float, height: float, length: float, share: float, steep: float
-) -> None:
+def test_cup_is_covered_and_little_more(radius, height, length, share, steep):
     most = min(math.degrees(math.atan2(length, max(radius - 0.01, 0.0))), 89.0)
     taper = steep * round(most, 2)
     cup = Cup(radius, height, length, height / 2, opening=2.0 * radius * share, taper=taper)

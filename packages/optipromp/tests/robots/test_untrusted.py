@@ -185,9 +185,7 @@ HOLES: dict[str, Callable[[Path], str]] = {
 
 
 @pytest.mark.parametrize("hole", HOLES)
-def test_a_robot_of_a_scene_reads_nothing_elsewhere(
-    far: Path, hole: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_of_a_scene_reads_nothing_elsewhere(far, hole, monkeypatch):
     pytest.importorskip("mujoco")
     mesh(far)
     for name, text in (("arm.urdf", URDF), ("arm.srdf", '<robot name="r"/>')):
@@ -205,9 +203,7 @@ def test_a_robot_of_a_scene_reads_nothing_elsewhere(
             bare_robot(read)
 
 
-def test_packages_of_the_users_environment_are_allowed(
-    far: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_packages_of_the_users_environment_are_allowed(far, monkeypatch):
     mesh(far / "my_arm")
     read = load_scene(scene(arm_of("package://my_arm/part.obj")))
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(far))

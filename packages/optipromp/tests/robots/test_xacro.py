@@ -91,9 +91,7 @@ def test_the_command_line_gives_arguments(arm: Path) -> None:
     assert "must be name:=value" in wrong.output
 
 
-def test_a_scene_states_arguments_and_runs_no_xacro(
-    arm: Path, runs: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_scene_states_arguments_and_runs_no_xacro(arm, runs, monkeypatch):
     robot = {"file": str(arm), "args": {"length": 0.5, "twice": True}}
     Path("scene.yaml").write_text(yaml.safe_dump(GOAL | {"robot": robot}))
     scene = load_scene("scene.yaml")

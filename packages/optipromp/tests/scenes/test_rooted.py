@@ -62,9 +62,7 @@ def rooted(aside: float, height: float, approach: Approach, tool: object = CUP) 
         (0.015, -0.068, False),
     ],
 )
-def test_a_root_in_the_tool(
-    aside: float, height: float, inside: bool, direction: tuple, lateral: tuple
-) -> None:
+def test_a_root_in_the_tool(aside, height, inside, direction, lateral):
     approach = Approach(np.array(direction), np.array(lateral))
     assert rooted(aside, height, approach) is inside
 

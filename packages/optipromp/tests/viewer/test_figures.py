@@ -57,9 +57,7 @@ def test_every_figure_is_a_picture(result: Plan) -> None:
         (Term(0.0, 2e-5, 0.0, (2e-5, 0.0), "joint"), True),
     ],
 )
-def test_a_cost_is_drawn_where_its_iterations_change_it(
-    result: Plan, term: Term, shown: bool
-) -> None:
+def test_a_cost_is_drawn_where_its_iterations_change_it(result, term, shown):
     one = replace(result, terms={"velocity": term})
     assert set(changed_terms(one)) == ({"velocity"} if shown else set())
     if shown:
