@@ -45,3 +45,13 @@ def test_names_and_folders_that_look_like_markup(here: Path) -> None:
     save_scene(named(name), here / "folder[/bold]" / f"{name.replace('/', '')}.yaml")
     assert name.replace("/", "") in told("plan", "folder[/bold]", "--reach", "--out", f"all{name}")
     assert told("check", "scene.yaml").startswith("scene scene.yaml: right\n")
+
+
+def test_a_run_of_them(here: Path) -> None:
+    pytest.importorskip("mujoco")
+    name = NAME
+    save_scene(named(name), here / "scene.yaml")
+    printed = told("simulate", "scene.yaml", "--out", f"o{name}")
+    assert printed.startswith(f"{name}  opti-promp")
+    assert f"  {name} " in printed
+    assert f" to o{name}" in printed
