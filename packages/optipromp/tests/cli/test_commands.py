@@ -120,13 +120,6 @@ def test_check_leaves_pictures_of_a_scene(tmp_path: Path, demonstrations: Path) 
     assert "no --out" in refused.stderr
 
 
-def test_check_summarises_demonstrations(demonstrations: Path) -> None:
-    document = json.loads(runner.invoke(app, ["check", str(demonstrations), "--json"]).stdout)
-    assert document["kind"] == "demonstrations"
-    assert document["demonstrations"] == 6
-    assert document["samples"] == 240
-
-
 def test_an_error_under_json_is_still_one_document() -> None:
     result = runner.invoke(app, ["check", "nothing-of-that-name", "--json"])
     document = json.loads(result.stdout)

@@ -111,25 +111,3 @@ def test_a_setting_is_heeded() -> None:
     code, stdout, _ = call("plan", "scenario-3", "--reach", "--set", "max_step=0.015", "--json")
     assert code == 0
     assert read(stdout)["metrics"]["max_step"] <= 0.015
-
-
-def test_a_plan_that_does_harm_ends_with_one() -> None:
-    code, stdout, _ = call("plan", "scenario-3", "--set", "prediction=false", "--json")
-    document = read(stdout)
-    assert code == 1
-    assert document["status"] == "HARM_PREDICTED"
-    assert document["predicted_harm"]["harm"] > document["predicted_harm"]["threshold"]
-    assert document["predicted_harm"]["object"] in ("ripe", "n1", "n2")
-    assert document["predicted_harm"]["object"] in document["message"]
-
-
-def test_a_setting_of_promp_is_heeded() -> None:
-    """The camera point is passed later or earlier: another motion of the same length."""
-    documents = []
-    for phase in ("0.4", "0.7"):
-        code, stdout, _ = call(
-            "plan", "scenario-3", "--planner", "promp", "--set", f"camera_phase={phase}", "--json"
-        )
-        assert code == 1  # promp swallows n2
-        documents.append(read(stdout))
-    assert documents[0]["metrics"]["duration"] != documents[1]["metrics"]["duration"]

@@ -65,16 +65,6 @@ def test_samples_are_seeded(make_promp: Make) -> None:
     assert make_promp(4).sample(np.random.default_rng(0), 0, 5).shape == (0, 5, 3)
 
 
-def test_trajectory_of_weights_batches(make_promp: Make) -> None:
-    promp = make_promp(5)
-    weights = promp.sample_weights(np.random.default_rng(0), 4)
-    looped = [promp.trajectory(w, 8) for w in weights]
-    np.testing.assert_allclose(promp.trajectory(weights, 8), looped)
-    np.testing.assert_allclose(promp.trajectory(promp.weights, 8), promp.mean_trajectory(8))
-    with pytest.raises(InvalidRequestError, match="weights"):
-        promp.trajectory(np.zeros((3, 4)), 8)
-
-
 def test_is_immutable(make_promp: Make) -> None:
     promp = make_promp(7)
     for array in (promp.mean, promp.covariance, promp.noise, promp.weights):

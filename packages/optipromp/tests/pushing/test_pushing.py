@@ -92,11 +92,6 @@ def test_what_was_detected_may_hang_nearer_than_it_was_seen() -> None:
     assert neighbours(doubtful, R - 0.0034) == ()
 
 
-def test_a_goal_has_no_neighbours() -> None:
-    goal = PoseGoal(TARGET, np.array([0.0, 0.0, 1.0]))
-    assert neighbours(Scene("s", "panda", (fruit("n", (0, 0, -0.1)),), goal=goal), R) == ()
-
-
 # --- sides -------------------------------------------------------------------------------------
 
 
@@ -164,13 +159,6 @@ def test_many_undecided_neighbours_take_no_time() -> None:
     began = time.perf_counter()
     assert len(drift_choices(scene(*objects), objects)) == RULE.most_choices
     assert time.perf_counter() - began < 1.0
-
-
-def test_no_neighbours_leave_one_choice_with_nothing_in_it() -> None:
-    (drift,) = drift_choices(scene(), [])
-    assert drift.ids == ()
-    assert drift.centers.shape == drift.directions.shape == (0, 3)
-    assert drift.windows.shape == (0, 2)
 
 
 @pytest.mark.parametrize(

@@ -75,23 +75,6 @@ def test_without_fruits_in_the_way_the_moment_is_the_end(optimised: Plan) -> Non
     assert (now.waypoint, now.event) == (free.trajectory.n_waypoints - 1, "at the goal")
 
 
-def test_pushed_fruits_are_where_the_model_predicts_them(optimised: Plan) -> None:
-    now = drawn.moment(optimised)
-    at = {item.item.id: item for item in drawn.placed(optimised, now)}
-    assert [*at] == [item.id for item in optimised.scene.objects]
-    point, axis = optimised.robot.tool_pose(optimised.trajectory.positions[now.waypoint])
-    (seen,) = (item for item in optimised.scene.pushables if item.id == "n2")
-    away = at["n2"].position - point
-    lateral = np.linalg.norm(away - (away @ axis) * axis)
-    hung = seen.position - point
-    before = np.linalg.norm(hung - (hung @ axis) * axis)
-    assert before < optimised.robot.gripper_radius + seen.radius  # it hung inside the cup's wall
-    assert lateral > before
-    assert at["n2"].label == f"n2, {1e3 * at['n2'].shift:.0f} mm"
-    for name in ("left-cluster", "right-cluster"):
-        assert name not in at or at[name].shift == 0.0
-
-
 def test_each_stem_has_a_colour_and_ends_at_its_root_and_its_fruit(optimised: Plan) -> None:
     found = [
         item
