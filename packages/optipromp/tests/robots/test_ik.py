@@ -143,6 +143,12 @@ def test_what_does_not_matter_rests(robots: dict[str, Robot]) -> None:
     assert np.abs(found.joints[:, 5] - rest[5]).min() > 0.0
 
 
+def test_the_length_of_the_axis_does_not_matter(robots: dict[str, Robot]) -> None:
+    point = np.array([0.45, 0.0, 0.8])
+    one, long = (ik.solve(robots["panda"], point, s * UP).joints for s in (1.0, 40.0))
+    np.testing.assert_allclose(one, long, atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("position", "axis", "message"),
     [
