@@ -16,7 +16,8 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.ik import rolled
 from optipromp.core.scenes import Scene, load_scene, save_scene, scene_to_dict
 from optipromp_sim.generate import PRESETS, generate, generator
-from optipromp_sim.generate.checks import unsolvable
+from optipromp_sim.generate.checks import segments, unsolvable
+from optipromp_sim.generate.shelves import Footprint, apart
 
 SEEDS = range(12)
 BUNCHES = [
@@ -259,3 +260,29 @@ def test_scenes_that_no_arm_could_solve_are_recognised() -> None:
     assert unsolvable(replace(scene, objects=(target, *rest, near))) == "goal always in collision"
     far = replace(target, position=np.array([2.0, 0.0, 0.5]), stem=None)
     assert unsolvable(replace(scene, objects=(far, *rest))) == "target out of reach"
+
+
+def test_distances_between_segments() -> None:
+    rng = np.random.default_rng(0)
+    share = np.linspace(0, 1, 400)[:, None]
+    for _ in range(30):
+        one, other = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
+        a, b = one[0] + share * (one[1] - one[0]), other[0] + share * (other[1] - other[0])
+        brute = np.linalg.norm(a[:, None] - b[None], axis=2).min()
+        assert segments(one, other) == pytest.approx(brute, abs=0.01)
+        assert segments(one, other) <= brute + 1e-12
+        brute = np.linalg.norm(a - other[0], axis=1).min()
+        assert segments(other[[0, 0]], one) == pytest.approx(brute, abs=0.01)
+        assert segments(one, other[[0, 0]]) == pytest.approx(brute, abs=0.01)
+
+
+def test_footprints_apart() -> None:
+    disc = Footprint(np.zeros(2), 0.03)
+    half = np.array([0.02, 0.03])
+    box = Footprint(np.array([0.06, 0.0]), float(np.linalg.norm(half)), half)
+    assert apart(disc, box)
+    assert apart(box, disc)
+    turned = Footprint(box.center, box.radius, half, np.pi / 2)
+    assert not apart(disc, turned)
+    assert apart(box, Footprint(np.array([0.06, 0.062]), box.radius, half))
+    assert not apart(box, Footprint(np.array([0.06, 0.058]), box.radius, half))

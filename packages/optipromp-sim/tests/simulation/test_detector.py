@@ -72,6 +72,11 @@ def test_errors_grow_with_the_square_of_the_distance():
         assert not exact.covariance.any()
 
 
+def test_lower_is_down_in_the_world():
+    seen = by_id(looks(ONE, DetectorParameters(mount="beside", lower=0.01))[0])["ripe"]
+    assert seen.position - ONE.target.position == pytest.approx([0.0, 0.0, -0.01])
+
+
 @pytest.mark.parametrize(("far", "angle"), [(0.45, 5.0), (0.6, 5.0 * (0.6 / 0.45) ** 2)])
 def test_stems_tilt_by_the_angle_about_both_axes(far, angle):
     tilts, scene = [], seen_by(fruit("ripe", [0.0, 0.0, far], "target"))
@@ -185,6 +190,14 @@ def test_false_fruits():
     plain = looks(TWO, WHITE, 5, 3)
     for one, other in zip(plain, got, strict=False):
         assert (by_id(one)["ripe"].position == by_id(other)["ripe"].position).all()
+
+
+def test_nothing_hangs_where_things_stand():
+    at = CAMERA @ np.array([0.0, 0.0, 0.5])
+    scene = seen_by(SceneObject("ripe", "target", Cylinder(0.02, 0.06), at))
+    look = looks(scene, replace(WHITE, false=3.0))[0]
+    assert len(look.detections) > 1
+    assert all(item.stem is None for item in look.detections)
 
 
 def test_ids_are_exchanged():
