@@ -1,12 +1,12 @@
-"""What the guard gives: entries and a random policy, on the same scenes alone and behind it.
+"""What the guard gives: entries and a random policy, on the same scenes without it and with it.
 
     optipromp bench study scripts/studies/guard.toml --out guard
     python -m scripts.studies.guard clone cluster 900001 guarded.gif 0.25
 
-The table has clean and harmed alone, guarded, and where the loop takes over, with Wilson's
-intervals (95 %), the share of periods in which the guard acted, and the time of a step. A run
-behind a guard ends where the arm has stood still for 4 s, and the loop does not have it. Motions of
-entries that plan are followed by joint velocities, in all cases. The second command draws a scene
+The table has clean and harmed without the guard and with it, with Wilson's intervals (95 %), the
+share of periods in which the guard acted, and its time a step. A run behind the guard ends where
+the arm has stood still for 4 s. Motions of entries that plan are followed by joint velocities, in
+both cases. With ``takes_over`` the loop goes on behind the guard. The second command draws a scene
 four times faster: alone, guarded, and at the right where the loop takes over.
 """
 
@@ -39,29 +39,31 @@ LATE = 0.02  # [rad] of a joint
 STILL, REST = 4.0, 1e-3  # [s], [rad/s]: behind the guard an arm that stands so long goes on no more
 SLOWED = 0.5  # [s] twice, before the end of a run: in the first the wishes go to 0
 RESULTS = "clean", "harmed"
-ALONE, GUARDED, TAKES_OVER = WAYS = "alone", "guarded", "takes over"
 SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
-VIEW = 480, 540  # [pixel] of each part of a film
+VIEW = 320, 540  # [pixel] of each part of a film
 Policy = Callable[[Observation], FloatArray]
 
 
 @dataclass(frozen=True)
 class Guards:
-    """A study of entries alone and behind guards; ``random`` is a policy that wanders for 60 s."""
+    """A study of entries alone and guarded; ``random`` is a policy that wanders for 60 s."""
 
     entries: tuple[str, ...] = ("random",)
     presets: tuple[str, ...] = ("cluster", "field")
     seeds: tuple[int, int] = (940_000, 940_005)
     engines: tuple[str, ...] = ("arm",)
     conditions: tuple[str, ...] = ("none",)
+    takes_over: bool = False
 
     def asks(self) -> list[dict[str, Any]]:
         """See :class:`optipromp_bench.experiments.kinds.Kind`."""
-        names = "entry", "engine", "condition", "way", "seed", "preset"
+        names = "entry", "engine", "condition", "guarded", "seed", "preset"
         all_ = itertools.product(
-            self.entries, self.engines, self.conditions, WAYS, range(*self.seeds), self.presets
-        )
-        asks = [dict(zip(names, each, strict=True)) for each in all_]
+            self.entries, self.engines, self.conditions, (False, True), range(*self.seeds),
+            self.presets,
+        )  # fmt: skip
+        over = {"takes_over": self.takes_over}
+        asks = [dict(zip(names, each, strict=True)) | over for each in all_]
         return [ask for ask in asks if ask["engine"] == "arm" or ask["condition"] in STEADY]
 
     def trial(self, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -133,9 +135,9 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     policy = policy_of(ask["entry"], episode, seed)
     if policy is None:
         return {"result": "refused", "causes": ""}, None
-    guard, takes = None, ask["way"] == TAKES_OVER
-    if ask["way"] != ALONE:
-        guard = Guard(episode.scene, episode.robot, takes_over=takes)
+    guard = None
+    if ask["guarded"]:
+        guard = Guard(episode.scene, episode.robot, takes_over=ask["takes_over"])
     moved, patience = 0.0, STILL if guard and not wanders else most
 
     def act(seen: Observation) -> FloatArray | None:
@@ -168,9 +170,8 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A line for each entry, preset, engine and condition, all ways beside each other; and one of
-    all."""
-    groups: dict[tuple[str, ...], dict[str, list[Mapping[str, Any]]]] = {}
+    """A line for each entry, preset, engine and condition: alone beside guarded; and one of all."""
+    groups: dict[tuple[str, ...], dict[bool, list[Mapping[str, Any]]]] = {}
     for row in rows:
         noise = "" if row["condition"] == "none" else row["condition"]
         where = ", ".join(filter(None, (row["engine"], noise)))
@@ -178,18 +179,15 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         if row["entry"] != "random":
             keys.append(("all", noise, "all", "", noise))
         for key in keys:
-            groups.setdefault(key, {way: [] for way in WAYS})[row["way"]].append(row)
-    heads = [f"{way}: {end} % (95 %)" for way in WAYS for end in RESULTS]
-    times = [f"{way}: a step: median, 95 %" for way in WAYS[1:]]
-    columns = ["entry", "preset", "engine", "n", *heads, "acted", *times]
+            groups.setdefault(key, {False: [], True: []})[row["guarded"]].append(row)
+    heads = [f"{who}: {end} % (95 %)" for who in ("alone", "guarded") for end in RESULTS]
+    columns = ["entry", "preset", "engine", "n", *heads, "acted", "a step: median, 95 %"]
     lines = []
     for key in sorted(groups):
-        cells = [*key[2:], str(len(groups[key][GUARDED]))]
-        for own in groups[key].values():
+        cells = [*key[2:], str(len(groups[key][True]))]
+        for own in (groups[key][False], groups[key][True]):
             cells += [share(sum(row["result"] == end for row in own), len(own)) for end in RESULTS]
-        some = [[r for r in groups[key][way] if r.get("steps")] for way in WAYS[1:]]
-        (acted, time), (_, other) = map(steps_of, some)
-        lines.append([*cells, acted, time, other])
+        lines.append([*cells, *steps_of([row for row in groups[key][True] if row.get("steps")])])
     wander = {row["entry"] for row in rows} == {"random"}
     conditions = ",".join(dict.fromkeys(row["condition"] for row in rows))
     return tabled("Random motions" if wander else f"Condition `{conditions}`", columns, lines)
@@ -213,8 +211,9 @@ def film(path: Path, entry: str, preset: str, seed: int, slow: float) -> None:
 
     fps, runs = 10, list[Run]()
     ask = {"entry": entry, "preset": preset, "seed": seed, "engine": "arm", "condition": "none"}
-    for way in WAYS:
-        row, run = driven({**ask, "way": way})
+    ways = {"alone": (False, False), "guarded": (True, False), "takes over": (True, True)}
+    for way, (guards, over) in ways.items():
+        row, run = driven({**ask, "guarded": guards, "takes_over": over})
         if run is None:
             raise SystemExit(f"{entry} does not move in {preset} {seed}")
         runs.append(run)

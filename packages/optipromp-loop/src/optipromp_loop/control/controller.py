@@ -99,12 +99,8 @@ class Controller(Common):
     def goes_on(self, time: float, curve: Trajectory, came: Route | None, why: str) -> None:
         """Begin with an arm that comes to rest on a ``curve`` from a ``time`` on [s].
 
-        Args:
-            time: as for a cycle.
-            curve: that runs.
-            came: the way of a tool that comes to rest among fruits, which leaves them first; None:
-                it stands free of fruits.
-            why: it leaves.
+        ``came``: the way of a tool that rests among fruits, and leaves them first; None: it is free
+        of fruits. ``why``: it leaves.
         """
         phase = 0.0 if came is None else came.duration
         self.driver.course = Course(curve, time, phase, math.inf)

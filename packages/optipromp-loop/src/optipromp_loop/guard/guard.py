@@ -10,10 +10,12 @@ and static objects hold by induction; harm is a prediction.
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import FloatArray, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import distances
 from optipromp.core.judging import Overlap, clearances, extremes, refined, swept
@@ -33,7 +35,9 @@ from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.control.tracks import TrackerParameters
 from optipromp_loop.guard.motion import (
+    ROUNDING,
     Change,
+    Limits,
     fastest,
     joints_for,
     later,
@@ -41,19 +45,12 @@ from optipromp_loop.guard.motion import (
     sampled,
     stopping,
 )
-from optipromp_loop.guard.plant import Course, Plant, seen_scene, stays
+from optipromp_loop.guard.plant import Course, Plant, Room, least, seen_scene, stays
 from optipromp_loop.guard.takeover import Takeover
-from optipromp_loop.guard.values import (
-    ROUNDING,
-    Limits,
-    Refusal,
-    Room,
-    Safe,
-    least,
-    typed,
-    velocities,
-)
 
+T = TypeVar("T")
+Kind = Literal["limits", "contact", "speed", "harm"]
+Mover = Literal["policy", "guard", "loop"]
 NEARLY = {"clearance_static": "what stands", "clearance_self": "another link"}
 NEARLY |= {"clearance_avoid": "what is to be avoided"}  # of the arm, as the judge has it
 FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a choice
@@ -62,6 +59,8 @@ LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a pus
 ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of what moved
 OUT = 2.0  # times the harm that may be, on the way in and out again: an emergency, a choice
 OUT_STATES = 4  # of the plant on the way out: a choice
+# of the harm that may be, so that in no sample a fruit is swallowed: of a wish after one that was
+SURE = 0.5  # refused, and where the loop takes over, which does better; a choice
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
 EVERY = PUSH.hanging.every  # points of a motion in a step of the model
 BEFORE = 40  # poses of the way here before the fruits, on which the loop leaves them: a choice
@@ -92,6 +91,63 @@ class GuardParameters(Checked):
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
     stood: float = parameter(1.0, "s", "choice", "of a policy held up, then the loop takes over")
     takeovers: int = parameter(3, "1", "choice", "by a loop that gave up each time")
+
+
+class Refusal(NamedTuple):
+    """Why an action does not pass."""
+
+    kind: Kind
+    words: str
+    joints: BoolArray | None = None  # (n,) whose limits are at stake
+
+
+@dataclass(frozen=True, eq=False)
+class Safe:
+    """The action that the guard gives.
+
+    Attributes:
+        velocity: (n,) of the joints at the end of the period [rad/s or m/s].
+        reference: state at the end of the period.
+        curve: the motion: its second row is ``reference``, from where on all joints brake to a
+            stop. An arm that hears nothing more follows it to its end.
+        acted: whether the wish was not executed as it was.
+        braked: whether no action near the wish passed.
+        reason: why the wish did not pass; empty: it did.
+        probability: of harm, where the prediction of this action met fruits; else 0.
+        mover: who moves the arm: the ``policy`` as it wished; the ``guard`` otherwise than it
+            wished; the ``loop`` by its own pick, whose curve does not brake after the period, but
+            ends at rest.
+        holding: whether the loop leaves with the target, or has left: a gripper may close.
+    """
+
+    velocity: FloatArray
+    reference: State
+    curve: Trajectory
+    acted: bool
+    braked: bool
+    reason: str
+    probability: float
+    mover: Mover
+    holding: bool = False
+
+
+def velocities(name: str, values: ArrayLike, size: int) -> FloatArray:
+    """The ``values`` (size,) of a caller, finite or not; ``name`` begins the error."""
+    try:
+        out = np.array(values, dtype=np.float64)
+        told = f"has shape {out.shape}"
+    except (TypeError, ValueError):
+        out, told = np.zeros(0), f"is {values!r:.60}"
+    if out.shape != (size,):
+        raise InvalidRequestError(f"{name} {told}: must be ({size},), velocities")
+    return out
+
+
+def typed(name: str, value: T, kind: type) -> T:
+    """A ``value`` of a caller that is of a ``kind``; ``name`` begins the error."""
+    if not isinstance(value, kind):
+        raise InvalidRequestError(f"{name} is {value!r:.60}: must be of {kind.__name__}")
+    return value
 
 
 class Guard:
@@ -134,8 +190,7 @@ class Guard:
         of_tool = spheres.distal & (spheres.link >= task.robot.n_own_links)
         self._body = replace(task.robot, spheres=spheres._replace(distal=of_tool))
         """The robot whose tool alone may touch fruits and stems, for :meth:`_by_wrist`."""
-        links = np.unique(spheres.link[spheres.distal & ~of_tool])
-        self._wrist = frozenset(task.robot.link_names[link] for link in links)
+        self._refused = False  # whether harm was predicted since the tool was clear of fruits
         self._room, self._courses = Room({}, {}), tuple[Course, ...]()
         self._place(Plant.of(task, self.parameters.risk))
 
@@ -153,6 +208,13 @@ class Guard:
     def time(self) -> float:
         """Of the newest look [s]; minus infinity before the first."""
         return -math.inf if self._tracker is None else self._tracker.time
+
+    @property
+    def _wrist(self) -> frozenset[str]:
+        """The links behind the tool that may touch fruits which the tool has pushed aside."""
+        spheres = self.robot.spheres
+        links = np.unique(spheres.link[spheres.distal & ~self._body.spheres.distal])
+        return frozenset(self.robot.link_names[link] for link in links)
 
     @property
     def leads(self) -> bool:
@@ -434,11 +496,14 @@ class Guard:
         times = np.linspace(0.0, self.parameters.ahead, LOOKS)
         ahead = np.hstack(self.robot.tool_pose(step.at(times)[0]))
         if not self._pushing and self._clear(np.vstack([self._trail[-1:], ahead])):
+            self._refused = False
             return None, 0.0
-        share, probability = self._share(ahead, 1.0)
-        if share <= 1.0:
+        most = SURE if self._refused or self._takeover is not None else 1.0
+        share, probability = self._share(ahead, most)
+        if share <= most:
             if self._share(ahead, OUT, out=True)[0] <= OUT:
                 return None, probability
+            self._refused = True
             return Refusal("harm", "harm is predicted on the way out from there"), probability
         if self._pushing and not step.begin.moving:  # it may go on if it adds nothing to a harm
             if self._stays is None:
@@ -446,6 +511,7 @@ class Guard:
             stays = self._stays
             if stays > 1.0 and self._share(ahead, stays)[0] <= stays:
                 return None, probability
+        self._refused = True
         return Refusal("harm", "harm is predicted"), probability
 
     def _share(self, ahead: FloatArray, limit: float, out: bool = False) -> tuple[float, float]:

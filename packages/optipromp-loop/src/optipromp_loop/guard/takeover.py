@@ -109,7 +109,7 @@ class Takeover:
         self, loop: Controller, now: float, made: Stretch | None
     ) -> tuple[Trajectory, str, float]:
         if made is not None:
-            self._line = self._line.until(made.begins, now).then(made, made.begins)
+            self._line = self._line.take(made, now, anew=loop.lost)
         self._now, period, last = now, self._parameters.period, self._line.taken[-1][1]
         self.holding = self.holding or loop.holding
         after = last.begins - now + last.curve.times
