@@ -317,6 +317,26 @@ def test_a_sweep_across_a_stem_harms_less_than_it_would(cluster: Scene) -> None:
     assert any(safe.probability > 0.0 for safe in told)
 
 
+def to(guard: Guard, by: FloatArray, state: State, speed: float = 0.15) -> FloatArray:
+    """The action that leads the tool point on by ``by`` (3,)."""
+    return guard.tool(speed * by / max(float(np.linalg.norm(by)), 0.05), state)
+
+
+def test_a_wish_that_was_refused_does_not_pass_from_rest() -> None:
+    """From rest it reaches less far, so less harm is predicted."""
+    scene = generate("cluster", 185_562)
+    guard, (_, start) = Guard(scene), posed(scene)
+    assert scene.target is not None
+    place = scene.target.position
+
+    def straight(k: int, state: State) -> FloatArray:
+        return to(guard, place - guard.robot.tool_pose(state.q)[0], state, 0.1)
+
+    _, told = driven(guard, start, straight, 350)
+    refused = ["harm is predicted" in safe.reason for safe in told].index(True)
+    assert all(safe.braked for safe in told[refused:])
+
+
 def test_the_tool_is_slow_among_fruits(cluster: Scene) -> None:
     made = plan(cluster, seed=1)
     robot, fast = made.robot, made.trajectory.slowed(0.4)
@@ -478,7 +498,7 @@ def test_the_loop_picks_where_harm_is_predicted_and_the_policy_has_the_arm_again
         nonlocal led
         led = led or guard.leads
         by = -0.02 * up if led else place - guard.robot.tool_pose(state.q)[0]
-        return guard.tool(0.15 * by / max(float(np.linalg.norm(by)), 0.05), state)
+        return to(guard, by, state)
 
     motion, told = driven(guard, start, straight, 620, seen=scene, silent=range(280, 330))
     assert [name for name, _ in movers(told)] == ["policy", "guard", "loop", "policy"]

@@ -501,7 +501,7 @@ class Guard:
         most = SURE if self._refused or self._takeover is not None else 1.0
         share, probability = self._share(ahead, most)
         if share <= most:
-            if self._share(ahead, OUT, out=True)[0] <= OUT:
+            if self._share(ahead, OUT * most, out=True)[0] <= OUT * most:
                 return None, probability
             self._refused = True
             return Refusal("harm", "harm is predicted on the way out from there"), probability
