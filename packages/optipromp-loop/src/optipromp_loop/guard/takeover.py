@@ -41,8 +41,9 @@ class Takeover:
 
     def __init__(self, period: float) -> None:
         compile_once()
-        steps = {"slice_steps": STEPS, "standing_steps": STEPS}
-        self._parameters = replace(CONTROL, period=period, lead=period, **steps)
+        self._parameters = replace(
+            CONTROL, period=period, lead=period, slice_steps=STEPS, standing_steps=STEPS
+        )
         self.controller: Controller | None = None
         self.holding, self.gone, self._why = False, 0.0, ""
         self._now, self._line, self._since = 0.0, Line(()), math.inf
@@ -117,8 +118,9 @@ class Takeover:
         rest = after > 1.5 * period
         ends = [self._line.at(now), self._line.at(now + period)]
         begin = np.array([[s.q, s.velocity, s.acceleration] for s in ends]).swapaxes(0, 1)
-        rows = map(np.vstack, zip(begin, last.curve.rows(rest), strict=True))
+        q, v, a = (np.vstack(pair) for pair in zip(begin, last.curve.rows(rest), strict=True))
         times = np.concatenate([[0.0, period], after[rest]])
         told = loop.picks[-1].failure if loop.doing.among and loop.picks else 0.0
         words = f"the loop has the arm ({loop.stage}): {self._why}"
-        return Trajectory(times, *rows, last.curve.joint_names), words, float(np.nan_to_num(told))
+        curve = Trajectory(times, q, v, a, last.curve.joint_names)
+        return curve, words, float(np.nan_to_num(told))
