@@ -493,7 +493,7 @@ class Driver:
             return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
         offset = self._offset
         return Displacement(
-            np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]
+            np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[:, None]
         )
 
     def go_on(self, now: float, tracked: Tracked) -> Stretch | None:
