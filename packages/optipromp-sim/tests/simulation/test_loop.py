@@ -72,6 +72,8 @@ def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
 def test_the_same_seed_gives_the_same_pick_to_the_bit(noisy_pick: Loop) -> None:
     again = picked(situation("zero-mean", 102), 102)
     assert again.controller.events == noisy_pick.controller.events
+    for one, other in zip(again.controller.plans, noisy_pick.controller.plans, strict=True):
+        assert all(map(np.array_equal, one.trajectory.rows(), other.trajectory.rows()))
     assert repr(again.run.outcome) == repr(noisy_pick.run.outcome)
     for name, values in noisy_pick.run.rollout.arrays().items():
         np.testing.assert_array_equal(again.run.rollout.arrays()[name], values)

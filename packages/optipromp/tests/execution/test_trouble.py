@@ -24,13 +24,6 @@ from optipromp.core.execution import Executed, Guard
 from optipromp.core.trajectory import State, Trajectory
 
 
-def test_without_trouble_the_curve_is_followed() -> None:
-    arm = Controlled(lambda *_: None)
-    done = arm.execute(step())
-    assert done.finished
-    np.testing.assert_allclose(arm.asked[-1].q, step().positions[-1], atol=1e-12)
-
-
 @pytest.mark.parametrize("by", [0.005, 0.03, 0.09])
 def test_a_tick_that_is_a_little_late_slows_the_motion(by: float) -> None:
     arm = Controlled(once("tick", 1.0, late(by)))
