@@ -33,7 +33,6 @@ def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
     tracked = tracker.at(6.0)
     times = 6.0 + 0.001 * np.arange(401)
     later = tracker.at(6.3)
-    assert later.sway(np.array([6.3]))[0] == pytest.approx(tracked.sway(times)[300], abs=1e-12)
     moves = tracked.moves(times)
     assert tracked.rest + moves[0] == pytest.approx(tracked.positions, abs=1e-12)
     assert later.moves(np.array([6.3]))[0] == pytest.approx(moves[300], abs=1e-9)
@@ -43,7 +42,7 @@ def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
     assert np.ptp(truth, axis=0).max() > 0.020
     assert off[:200].max() < 0.008
     with pytest.raises(InvalidRequestError, match="not before"):
-        tracked.sway(np.array([5.9]))
+        tracked.moves(np.array([5.9]))
 
 
 def test_a_fruit_swings_as_a_pendulum_on_an_elastic_stem() -> None:

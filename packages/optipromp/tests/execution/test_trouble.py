@@ -166,9 +166,7 @@ def test_what_is_no_curve_and_guards_that_never_end() -> None:
 
 @pytest.mark.parametrize(("jump", "finished"), [(0.0, True), (0.3, False)])
 @pytest.mark.parametrize("limit", [np.inf, 2.0 * np.pi], ids=["without limits", "a turn each way"])
-def test_an_encoder_that_passes_its_end_is_no_trouble_and_a_jump_is(
-    limit: float, jump: float, finished: bool
-) -> None:
+def test_an_encoder_that_passes_its_end_is_no_trouble_and_a_jump_is(limit, jump, finished):
     turn, low = 2.0 * np.pi, PANDA.home + 0.3 - 2.0 * np.pi
 
     def reported(arm: Controlled, what: str) -> State | None:

@@ -434,7 +434,7 @@ class Take(Stage):
         drive.hold(now, tracked)
         if RETREAT in legs and not self.fallen:
             curve, came = legs[RETREAT].trajectory, (route, route.duration)
-            out = Route.along(loop.robot, curve, drive.route.scene, came=came)
+            out = Route.along(loop.robot, curve, route.scene, came=came)
             if (begun := drive.take(out, 0.0, now, tracked)) is not None:
                 return begun, Next(Leave(self.push.pick, None, holding=True), told)
         q = self.push.passed(drive.phase(now))
@@ -480,8 +480,7 @@ class Leave(Stage):
                     return drive.set_out(out, now, tracked), None
             if ways:
                 return None, Next(Stand(GAVE_UP), "no way out is free")
-            there = self.holding and drive.phase(now) >= route.duration  # it moves with the plant
-            return drive.go_on(now, tracked) if there else None, None
+            return None, None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
             stop = drive.brake(begins)
             if self.holding:

@@ -63,22 +63,6 @@ class Tracked:
     _belief: Belief = field(repr=False)
     _world: Setting = field(repr=False)
 
-    def sway(self, times: FloatArray) -> FloatArray:
-        """The predicted common displacement of the plant.
-
-        Args:
-            times: (M,) [s], not before the snapshot's.
-
-        Returns:
-            (M, 3) [m].
-        """
-        state = self._belief.state
-        count, half = 2 * state.layout.bank, state.layout.half
-        bank = state.oscillators.some(slice(count))
-        a, b, *_ = bank.transition(self._ahead(times)[:, None])
-        x = a * state.mean[:count] + b * state.mean[half : half + count]
-        return np.asarray(x.reshape(len(x), -1, 2).sum(axis=1) @ state.layout.axes)
-
     def moves(self, times: FloatArray) -> FloatArray:
         """The predicted displacement of each fruit from its rest, without pushes.
 
