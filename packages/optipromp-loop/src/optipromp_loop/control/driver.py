@@ -118,11 +118,16 @@ def follow(
     """The course along a route from ``phase`` on, beginning in ``state`` at the time ``begins``.
 
     Of several times of the blend and rates, in order, the first counts with which the curve keeps
-    the robot's limits. None: with none of them, or the arm cannot reach the moved path.
+    the robot's limits. A blend that is longer than what is left of the path would have nothing to
+    guide it, and swing past the end. None: with none of them, or the arm cannot reach the moved
+    path.
     """
     ways = [(blend, parameters.rates[0]) for blend in parameters.blends[:3]]
     ways += [(blend, rate) for rate in parameters.rates[1:] for blend in parameters.blends[1:]]
+    left = route.duration - phase
     for blend, rate in ways:
+        if left > 0.0 and blend > max(left * rate, parameters.blends[0]):
+            continue
         curve = _curve(route, phase, state, begins, field, blend, rate, parameters.tail)
         if curve is not None:
             return Course(curve, begins, phase, rate)
@@ -521,7 +526,8 @@ def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> Fl
     """Displacements (4, 3) of the next points of a route [m]."""
     times = np.clip(phase + AHEAD, 0.0, route.duration)
     row = np.searchsorted(route.trajectory.times, times).clip(max=len(route.points) - 1)
-    return field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
+    shift = field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
+    return route.weight[row, None] * shift
 
 
 def path_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
