@@ -40,7 +40,7 @@ STILL, REST = 4.0, 1e-3  # [s], [rad/s]: behind the guard an arm that stands so 
 SLOWED = 0.5  # [s] twice, before the end of a run: in the first the wishes go to 0
 RESULTS = "clean", "harmed"
 SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
-VIEW = 320, 540  # [pixel] of each part of a film
+VIEW = 480, 810  # [pixel] of each part of a film
 Policy = Callable[[Observation], FloatArray]
 
 
