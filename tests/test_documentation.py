@@ -36,8 +36,8 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 @pytest.mark.parametrize(
     "page",
     ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-planner.md",
-     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/new-user.md", "docs/real-robot.md",
-     "docs/ros.md", "docs/scene-format.md"],
+     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/demonstrations.md", "docs/new-user.md",
+     "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
