@@ -36,10 +36,12 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 @pytest.mark.parametrize(
     "page",
     ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-planner.md",
-     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/demonstrations.md", "docs/new-user.md",
-     "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
+     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/new-user.md", "docs/real-robot.md",
+     "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
-def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
+def test_the_python_of_a_page_runs(
+    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
     names: dict[str, object] = {}
