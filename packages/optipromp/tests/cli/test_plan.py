@@ -149,10 +149,7 @@ def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
         "from optipromp.cli.main import main; main()"
     )
     found = {}
-    for name, options in {
-        "both": ("--json", "--progress"),
-        "pipe": (),
-    }.items():
+    for name, options in {"both": ("--json", "--progress"), "pipe": ()}.items():
         words = [sys.executable, "-c", slow, "plan", "scenario-4", *options]
         done = subprocess.run(words, capture_output=True, text=True, check=True)
         found[name] = done.stderr

@@ -12,13 +12,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.robots import Tool, load_robot
 from optipromp.core.robots.tools import TOOL_LINK, Cup, FrankaHand, with_tool
 from optipromp.core.scenes import Stem, load_scene
-from optipromp.looks.appearance import (
-    arm_parts,
-    coarser,
-    scene_parts,
-    scenery,
-    shape_faces,
-)
+from optipromp.looks.appearance import arm_parts, coarser, scene_parts, scenery, shape_faces
 
 SCENES = [f"scenario-{k}" for k in (1, 2, 3, 4)]
 

@@ -13,14 +13,7 @@ from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import Plan, judge, plan
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.scenes import (
-    Lines,
-    Pose,
-    Scene,
-    save_scene,
-    scene_from_dict,
-    scene_to_dict,
-)
+from optipromp.core.scenes import Lines, Pose, Scene, save_scene, scene_from_dict, scene_to_dict
 from optipromp.core.trajectory import Trajectory
 
 HALF = math.sqrt(0.5)

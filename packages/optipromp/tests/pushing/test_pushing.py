@@ -14,11 +14,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import Sphere
 from optipromp.core.pushing import drift_choices, neighbours, pushes
 from optipromp.core.pushing.path import evenly, length
-from optipromp.core.pushing.rules import (
-    RULE,
-    passing_windows,
-    path_past,
-)
+from optipromp.core.pushing.rules import RULE, passing_windows, path_past
 from optipromp.core.scenes import Approach, PoseGoal, Scene, SceneObject, Stem, load_scene
 
 TARGET = np.array([0.4, 0.1, 0.9])
