@@ -13,7 +13,7 @@ from optipromp.core.parameters import GRAVITY
 from optipromp.core.robots import kernels
 from optipromp.core.robots.description import NOT_TOLD, Arm, LeftOut, LinkGeometry
 from optipromp.core.robots.kernels import PRISMATIC, Kinematics, distances_between
-from optipromp.core.robots.mounted import loads_of, weight_of
+from optipromp.core.robots.mounted import weight_of
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.turns import Turns
 from optipromp.core.shown import Shown
@@ -71,6 +71,7 @@ class Robot(Shown):
     gripper_radius: float
     home: FloatArray
     tool: Tool | None = None
+    tool_links: int = 0  # of the tool and what it holds, the last of link_names
     held_joints: tuple[str, ...] = ()
     excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
     left_out: tuple[LeftOut, ...] = ()
@@ -105,8 +106,7 @@ class Robot(Shown):
     @property
     def n_own_links(self) -> int:
         """Number of links without the tool and what it holds, which come last."""
-        own = len(self.link_names) if self.tool is None else len(self.link_names) - 1
-        return own - len(loads_of(self.tool))
+        return len(self.link_names) - self.tool_links
 
     @property
     def n_segments(self) -> int:

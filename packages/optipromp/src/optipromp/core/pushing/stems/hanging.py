@@ -31,7 +31,7 @@ from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL, cone_of
 from optipromp.core.scenes.objects import UNSEEN_SPREAD
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, packed
 
 HANGING = PUSH.hanging
 BEAM = PUSH.beam
@@ -228,7 +228,7 @@ class Hanging(PushModel):
         self.cup = cup._replace(cone=cone_of(tool))
         where = target.position, HANGING.around
         self.static, avoid = (
-            near(scene.packed(scene.around(*where, role)), *where) for role in ("static", "avoid")
+            near(packed(scene, scene.around(*where, role)), *where) for role in ("static", "avoid")
         )
         fruits = (target, *_hanging(scene, target, neighbours))
         hidden = any(fruit.stem is not None and fruit.stem.unseen for fruit in fruits)
