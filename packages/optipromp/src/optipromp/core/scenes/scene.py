@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,7 +28,7 @@ from optipromp.core.scenes.goals import (
     RegionGoal,
     check_lines,
 )
-from optipromp.core.scenes.held import Attached, Pair, Place, check_held, pairs_among
+from optipromp.core.scenes.held import Attached, Pair, Place, check_held
 from optipromp.core.scenes.objects import (
     ROLES,
     STEM_RADIUS,
@@ -37,7 +37,6 @@ from optipromp.core.scenes.objects import (
     SceneObject,
     Stem,
     check_trusses,
-    rooted,
 )
 from optipromp.core.scenes.pose import Array, Direction, Framed, Padding, Pose, Span
 from optipromp.core.shown import Shown
@@ -338,23 +337,6 @@ class Scene(Shown, Framed):
     def each(self, change: Callable[[SceneObject], SceneObject]) -> Scene:
         """The scene whose objects are as ``change`` returns them."""
         return replace(self, objects=tuple(change(item) for item in self.objects))
-
-    def aimed(self, target: str, picked: Collection[str] = ()) -> Scene:
-        """The scene with this ``target``, without ``picked`` fruits; other fruits are pushables."""
-        roles: dict[str, Role] = {i.id: "pushable" for i in self.objects if i.role == "target"}
-        roles[target] = "target"
-        objects = (
-            replace(item, role=roles.get(item.id, item.role))
-            for item in self.objects
-            if item.id not in picked
-        )
-        return replace(
-            self,
-            name=f"{self.name}-{target}",
-            objects=rooted(objects),
-            goal=None,
-            may_touch=pairs_among(self.may_touch, picked),
-        )
 
     def transformed(self, pose: Pose) -> Scene:
         """The same world in another frame, in which the present base has the ``pose``.
