@@ -227,6 +227,11 @@ def posed_problems(
         ]
 
 
+def at_phase(count: int, phase: float) -> Waypoints:
+    """``count`` waypoints, of which the first at or after a phase is the first on the path."""
+    return Waypoints(count, int(np.ceil(phase * (count - 1) - 1e-9)))
+
+
 def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     """Waypoints between which no joint moves much more than the wanted step.
 
@@ -236,7 +241,7 @@ def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     reach = values[0] - task.start
     if len(values) == 1:
         count = options.waypoints or free_count(reach, options.max_step)
-        return Waypoints.at_phase(count, options.camera_phase or 0.5)
+        return at_phase(count, options.camera_phase or 0.5)
     tools = task.robot.tool_pose(values)[0]
     path = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).sum())
     moved = float(np.abs(np.diff(values, axis=0)).max(axis=1).sum())
@@ -248,7 +253,7 @@ def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     )
     count = options.waypoints or within_limits(10 * np.ceil((before + after) / 10))
     phase = min(max(0.2, before / (before + after)), 0.75)
-    return Waypoints.at_phase(count, options.camera_phase or phase)
+    return at_phase(count, options.camera_phase or phase)
 
 
 def further(task: Task, seed: int, known: FloatArray) -> FloatArray:

@@ -205,8 +205,10 @@ def simple(measured: Measures, position: FloatArray, rotation: FloatArray) -> Ob
     """Posed shapes with kernels of their own: there are no grids and no cells."""
     kind, size, bound = measured
     _check_poses(position, rotation)
-    each = kind, position, rotation, size, bound, np.full(len(kind), -1, dtype=np.int64)
-    return Obstacles(*map(read_only, each), *_NO_GRIDS, no_cells())
+    grid = np.full(len(kind), -1, dtype=np.int64)
+    for array in (kind, position, rotation, size, bound, grid):
+        array.setflags(write=False)
+    return Obstacles(kind, position, rotation, size, bound, grid, *_NO_GRIDS, no_cells())
 
 
 def measures(shapes: Sequence[Shape]) -> Measures:

@@ -53,11 +53,6 @@ class Waypoints:
     count: int
     first: int
 
-    @staticmethod
-    def at_phase(count: int, phase: float) -> "Waypoints":
-        """``count`` waypoints, of which the first at or after a phase is the first on the path."""
-        return Waypoints(count, int(np.ceil(phase * (count - 1) - 1e-9)))
-
     @property
     def phase(self) -> float:
         """Phase of the first waypoint on the path."""
