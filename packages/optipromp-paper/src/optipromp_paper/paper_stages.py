@@ -49,7 +49,7 @@ from optipromp.core.planning.task import Task, pushed_aside, stands
 from optipromp.core.planning.timing import paced, timed
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
-from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
+from optipromp.core.pushing.rules import Drift, DriftRule, detection_variance, drift_choices
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.trajectory import Trajectory
 from optipromp_paper.paper_costs import PaperSettings, paper_violations, weighted
@@ -223,8 +223,18 @@ def posed_problems(
         via = tuple(map(ViaPoint, names[-len(met) :], met))
         yield [
             Posed(task, options, waypoints, drift, offsets, via, q, points)
-            for drift in drift_choices(task.scene, task.neighbours, options.drift, window="paper")
+            for drift in paper_choices(task, options.drift)
         ]
+
+
+def paper_choices(task: Task, rule: DriftRule) -> list[Drift]:
+    """The choices of sides, each pushable's window being its own extent along z_g."""
+    half = np.array([item.extent(task.scene.frame[2]) for item in task.neighbours])
+    windows = np.column_stack([-half, half])
+    return [
+        replace(drift, windows=windows)
+        for drift in drift_choices(task.scene, task.neighbours, rule)
+    ]
 
 
 def at_phase(count: int, phase: float) -> Waypoints:

@@ -180,12 +180,7 @@ class Robot(Shown):
 
     def self_gaps(self, q: FloatArray) -> FloatArray:
         """The gap (..., P) [m] of each of ``self_pairs`` at ``q`` (..., n), with its slack."""
-        centers, radius = self.sphere_centers(q), self.spheres.radius
-        flat, (i, j) = centers.reshape(-1, len(radius), 3), np.ascontiguousarray(self.self_pairs.T)
-        apart = np.empty((len(flat), len(i)))
-        kernels.distances_between(flat, flat, i, j, apart)
-        apart += self.self_slack - radius[i] - radius[j]
-        return apart.reshape(*centers.shape[:-2], len(i))
+        return _gaps(self, q, self.self_pairs) + self.self_slack
 
     def _frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         s = self.n_segments
@@ -308,8 +303,9 @@ def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
 
 
 def _gaps(robot: Robot, q: FloatArray, pairs: IntArray) -> FloatArray:
-    """Surface distance (P,) [m] of each pair at ``q`` (n,)."""
-    centers, radius = robot.sphere_centers(q[None]), robot.spheres.radius
-    apart, (i, j) = np.empty((1, len(pairs))), np.ascontiguousarray(pairs.T)
-    distances_between(centers, centers, i, j, apart)
-    return np.asarray(apart[0] - (radius[i] + radius[j]))
+    """Surface distance (..., P) [m] of each pair at ``q`` (..., n)."""
+    centers, radius = robot.sphere_centers(q), robot.spheres.radius
+    flat, (i, j) = centers.reshape(-1, len(radius), 3), np.ascontiguousarray(pairs.T)
+    apart = np.empty((len(flat), len(i)))
+    distances_between(flat, flat, i, j, apart)
+    return (apart - (radius[i] + radius[j])).reshape(*centers.shape[:-2], len(i))
