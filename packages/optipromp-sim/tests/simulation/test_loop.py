@@ -46,22 +46,18 @@ def test_fruits_seen_exactly_are_picked() -> None:
     assert stages == ["travel", "observe", "push", "take", "leave", "done"]
 
 
-def test_the_tool_leaves_with_the_target_and_the_plant() -> None:
-    """Among swaying fruits the tool moves with them until it is out, with the target."""
+def test_the_tool_leaves_swaying_fruits_with_the_target() -> None:
     loop = picked(situation("sway", 173_010), 173_010)
     assert_sound(loop)
     assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
     out = [event.time for event in loop.controller.events if event.stage is LoopStage.LEAVE][-1]
     run, robot = loop.run.rollout, loop.controller.robot
-    tips, axes = robot.tool_pose(run.reference)
+    tips, _ = robot.tool_pose(run.reference)
     late = run.times >= out
     target = run.fruit_positions[late, run.fruit_ids.index("ripe")]
     assert np.linalg.norm(tips[late][-1] - tips[late][0]) > 0.08
     held = np.linalg.norm(target - tips[late], axis=1)
     assert np.ptp(held) < 0.01
-    waiting = late & (run.times < out + 0.3)
-    flat = np.ptp(tips[waiting] - (tips[waiting] @ axes[-1])[:, None] * axes[-1], axis=0)
-    assert np.linalg.norm(flat) > 5e-4  # it did not stand still
 
 
 def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
