@@ -308,4 +308,5 @@ def _gaps(robot: Robot, q: FloatArray, pairs: IntArray) -> FloatArray:
     flat, (i, j) = centers.reshape(-1, len(radius), 3), np.ascontiguousarray(pairs.T)
     apart = np.empty((len(flat), len(i)))
     distances_between(flat, flat, i, j, apart)
-    return (apart - (radius[i] + radius[j])).reshape(*centers.shape[:-2], len(i))
+    apart -= radius[i] + radius[j]
+    return apart.reshape(*centers.shape[:-2], len(i))
