@@ -146,6 +146,11 @@ class Evaluation:
         """Index of the tool point among the points."""
         return self.body.tool
 
+    @property
+    def tool_points(self) -> FloatArray:
+        """Tool point at every waypoint (T, 3) [m]."""
+        return self.points[:, self.tool]
+
     def at_points(self, kernel: Callable[..., Any], scale: float, *settings: Any) -> float:
         """Value of a kernel of the points; the kernel adds ``scale`` times its gradient."""
         return float(kernel(self.points, self.tool, *settings, scale, self.force, self.stiffness))
