@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -145,20 +145,34 @@ class FlightWorld:
         return self._flight.outcome()
 
 
+Engine = Literal["arm", "flight"]
+ENGINES: tuple[Engine, ...] = ("arm", "flight")
+"""``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
+
+
+def arena_of(
+    engine: Engine, situation: Situation, seed: int, q: FloatArray | None = None
+) -> Simulation | FlightWorld:
+    """The world of an engine with the arm at ``q`` (n,); None: at the scene's start."""
+    if engine == "flight":
+        return FlightWorld(situation.scene, seed, q)
+    return Simulation(situation.scene, seed, situation.parameters, q=q)
+
+
 class Episode(Pick["Outcome | Word"]):
     """One pick in the simulation, moved by joint velocities.
 
     ``situation``: true scene, scene as first seen, camera, physics. ``seed``: of physics and looks.
     The same velocities give the same episode to the last bit. ``rate``: at which velocities come
-    [Hz]; divides the controller's rate. ``arena``: that the episode happens in; None: the main
-    simulation. ``longest``: time after which it ends [s]; None: LONGEST.
+    [Hz]; divides the controller's rate. ``engine``: that it happens in. ``longest``: time after
+    which it ends [s]; None: LONGEST.
     """
 
     def __init__(
         self, situation: Situation, seed: int = 0, rate: float = RATE,
-        arena: Simulation | FlightWorld | None = None, longest: float | None = None,
+        engine: Engine = "arm", longest: float | None = None,
     ) -> None:  # fmt: skip
-        own = arena or Simulation(situation.scene, seed, situation.parameters)
+        own = arena_of(engine, situation, seed)
         count = 1.0 / (rate * own.tick)
         if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
             raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")

@@ -39,6 +39,7 @@ from optipromp.core.files import (
 from optipromp.core.output import ROWS
 from optipromp.core.processes import cores
 from optipromp_bench import tracks
+from optipromp_bench.episode import ENGINES, Engine
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.rows import (
     BENCH,
@@ -51,7 +52,7 @@ from optipromp_bench.experiments.rows import (
     rows_in,
     source_version,
 )
-from optipromp_bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
+from optipromp_bench.running import STEADY, Exercise, again, rows_and_arrays
 from optipromp_bench.serve import SERVED, dismissed, hired
 from optipromp_bench.sets import Round, SceneSet, entry_digest
 from optipromp_sim.situations import CONDITIONS, VARIATIONS

@@ -19,7 +19,7 @@ from optipromp.core.planning import plan
 from optipromp.core.robots.library import load_robot
 from optipromp.core.trajectory import State
 from optipromp_bench.env import HARM, MOST, SPEED, TIME, WIDTH, PickEnv, PickProMPEnv
-from optipromp_bench.episode import HELD, LONGEST, Episode, FlightWorld, driven, joints_for, score
+from optipromp_bench.episode import HELD, LONGEST, Episode, driven, joints_for, score
 from optipromp_bench.episodes import follower
 from optipromp_bench.flight import Word
 from optipromp_bench.primitive import COUNT, OfWeights, weights_of
@@ -153,8 +153,7 @@ def test_returns_are_ordered_as_the_score_is(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_swallowed_neighbour_ends_an_episode_of_the_flying_cup_too() -> None:
     setting = CONDITIONS["none"](generate("limp", 200_001), 200_001)
-    arena, acting = FlightWorld(setting.scene, 0), below_then_up()
-    episode = Episode(setting, 200_001, arena=arena)
+    acting, episode = below_then_up(), Episode(setting, 200_001, engine="flight")
     while not (episode.done or episode.ended):
         velocity = acting(episode) @ episode.scene.frame
         episode.act(joints_for(episode.robot, episode.state.q, velocity, episode.scene.frame[2]))

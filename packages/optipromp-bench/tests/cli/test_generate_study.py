@@ -36,17 +36,8 @@ def test_generate_json(tmp_path: Path) -> None:
 
 
 def test_generate_leaves_the_scenes_as_a_detector_sees_them(tmp_path: Path) -> None:
-    told = [
-        "generate",
-        "--preset",
-        "cluster",
-        "--seed",
-        "6",
-        "--count",
-        "8",
-        "--out",
-        str(tmp_path),
-    ]
+    words = "generate --preset cluster --seed 6 --count 8 --out"
+    told = [*words.split(), str(tmp_path)]
     result = RUN.invoke(app, [*told, "--noise", "detector", "--json"])
     missed = 0
     for record in json.loads(result.stdout)["scenes"]:
@@ -136,16 +127,8 @@ def test_generate_tells_how_scenes_may_read_a_robot_that_lies_elsewhere(
     here.mkdir()
     (robots / "six.urdf").write_text(six())
     monkeypatch.chdir(here)
-    told = [
-        "generate",
-        "--preset",
-        "cluster",
-        "--robot",
-        str(robots / "six.urdf"),
-        "--tip",
-        "tool0",
-    ]
-    told += ["--base", "base", "--out", "scenes"]
+    words = "generate --preset cluster --tip tool0 --base base --out scenes --robot"
+    told = [*words.split(), str(robots / "six.urdf")]
     result = RUN.invoke(app, told)
     assert result.exit_code == 0, result.output
     export = result.stdout.splitlines()[-1].partition(": ")[2]

@@ -69,17 +69,11 @@ def test_wilson_against_published_values() -> None:
 def test_summary_counts() -> None:
     rows = [
         replace(ROW, seed=0, success=True, cause="", success_before=None),
-        replace(
-            ROW,
-            seed=1,
-            static_force=3.0,
-            cause="static_contact",
-            unripe_force=2.5,
-            causes="static_contact crushed not_picked",
-        ),
+        replace(ROW, seed=1, static_force=3.0, cause="static_contact", unripe_force=2.5,
+                causes="static_contact crushed not_picked"),
         replace(ROW, seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
         replace(ROW, seed=3, torn="n1 n2"),
-    ]
+    ]  # fmt: skip
     (cell,) = summary(rows)
     assert (cell.runs, cell.successes, cell.plans, cell.kept, cell.broken) == (4, 1, 3, 1, 2)
     assert cell.broken_low < cell.broken_rate == 2.0 / 3.0 < cell.broken_high
@@ -99,17 +93,10 @@ def test_summary_counts() -> None:
     "row",
     [
         ROW,
-        replace(
-            ROW,
-            picked=None,
-            unripe_force=None,
-            duration=None,
-            predicted_harm=None,
-            predicted_failure=None,
-            success=True,
-        ),
+        replace(ROW, picked=None, unripe_force=None, duration=None, predicted_harm=None,
+                predicted_failure=None, success=True),
     ],
-)
+)  # fmt: skip
 def test_a_row_outlives_its_file(row: Row, tmp_path: Path) -> None:
     row_file(small(), tmp_path).append(row)
     assert row_file(small(), tmp_path).rows == [row]

@@ -24,7 +24,7 @@ from optipromp.core.pushing.searching import search
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.objects import rooted
-from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject, ToolSpec
+from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject, ToolSpec, packed
 from optipromp.looks.appearance import rgb
 from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Placed, shown_at
 
@@ -165,7 +165,7 @@ def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
         if not len(rows) or not mine.any():
             continue
         points = centers[:, mine].reshape(-1, 3)
-        found = distances(scene.packed(rows), points)[0].min(axis=1)
+        found = distances(packed(scene, rows), points)[0].min(axis=1)
         found = found.reshape(len(q), -1) - radius[mine]
         series[words] = found.min(axis=1)
         if words != "tool to avoid":
