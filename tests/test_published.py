@@ -8,8 +8,9 @@ import time
 from pathlib import Path
 
 import pytest
-from scripts import forest, plan_hashes, publish
+from scripts import plan_hashes, publish
 
+from optipromp_bench.experiments import forest
 from optipromp_bench.experiments.rows import source_version
 
 ROOT = Path(__file__).resolve().parents[1]
