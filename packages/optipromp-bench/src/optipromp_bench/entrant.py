@@ -95,7 +95,8 @@ def loaded(spec: str, track: str) -> Any:
     except BaseException as error:  # whatever a module does while it is imported
         raise InvalidRequestError(
             f"entry {spec!r} cannot be made ({type(error).__name__}: {error}); an entry is "
-            "MODULE:CLASS, of a class without arguments"
+            "MODULE:CLASS, of a class without arguments, and imports its own package and what is "
+            "installed, nothing beside them"
         ) from None
     for name in ("reset", "act") if track == "policy" else ("plan",):
         if not callable(getattr(entry, name, None)):
