@@ -418,7 +418,7 @@ class Controlled:
             self._stretches.append(stretch)
         tracked, count = controller.tracker.at(now), len(controller.plans)
         self._cycles.append((now, controller.stage, tracked, count))
-        if controller.ended and (not self._stretches or line.ended(now)):
+        if (controller.ended or controller.lost) and (not self._stretches or line.ended(now)):
             return None
         self._line = line
         return [line.at(now + k * tick) for k in range(pick.ticks)]
