@@ -18,7 +18,7 @@ from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench import tracks
 from optipromp_bench.entrant import Motion
 from optipromp_bench.episode import ENGINES, Engine, Episode, arena_of, as_it_came
-from optipromp_bench.experiments.eyes import aimed_at, cameras, without_fruits
+from optipromp_bench.experiments.eyes import aimed_at, drawn_camera, without_fruits
 from optipromp_bench.experiments.rows import Key, Row
 from optipromp_bench.flight import Word
 from optipromp_bench.serve import Apart, Entry, hired
@@ -50,6 +50,7 @@ class Exercise:
     engines: tuple[Engine, ...] = ENGINES  # that execute the motion
     word: str = DEVELOPMENT  # of the set, which the entry does not get
     patience: tracks.Patience = tracks.PATIENCE  # the time that the entry has
+    digest: str = ""  # of the entry's source, which may not change; empty: it may
 
     @property
     def keys(self) -> list[Key]:
@@ -79,7 +80,7 @@ def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
 
     Errors of the entry are rows; those of the task are raised.
     """
-    entry = hired(task.entry, task.track, task.patience)
+    entry = hired(task.entry, task.track, task.patience, task.digest)
     setting, digest = situated(task)
     seed = task.drawn("entry", SHORT)
     if task.track == "policy":
@@ -88,7 +89,7 @@ def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
     given = (setting.seen, seed)
     if task.track == "picture":
         known = replace(without_fruits(setting.scene), name=NEUTRAL)
-        shown = replace(setting.scene, camera=cameras(setting.scene)[0])
+        shown = replace(setting.scene, camera=drawn_camera(setting.scene, task.drawn("camera")))
         picture = photograph(shown, "beside", task.drawn("physics")).picture
         given = (picture, known, seed)  # type: ignore[assignment]
     try:

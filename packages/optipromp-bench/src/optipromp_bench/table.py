@@ -14,6 +14,7 @@ import scipy.stats
 import optipromp
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, file_name, is_there, json_text, write_atomically
+from optipromp_bench.experiments.forest import Share, Shares, forest
 from optipromp_bench.experiments.rows import Row, source_version
 from optipromp_bench.experiments.statistics import Cell, seconds_a_clean, tabled, wilson
 from optipromp_bench.results import RECORD, BenchRun, Means, recorded, submission, zip_of
@@ -173,6 +174,19 @@ def markdown(board: Leaderboard) -> str:
         tabled(f"{where}: clean, harmed by preset, %", ["entry", *by], presets),
         tabled(title, ["entry", *(f"{engine}: torn" for engine in engines)], torn),
     ])  # fmt: skip
+
+
+def picture(board: Leaderboard) -> str:
+    """The leaderboard as SVG: shares that are clean and harmed, with their 95 % intervals."""
+    shares: Shares = {"clean": {}, "harmed": {}}
+    for panel, lines in shares.items():
+        for entry in board.order:
+            told = {engine: board.of(entry, engine) for engine in board.run.engines}
+            counts = ((engine, getattr(s, panel), s.runs) for engine, s in told.items())
+            lines[entry] = {
+                engine: Share(*(100 * v for v in (k / n, *wilson(k, n)))) for engine, k, n in counts
+            }
+    return forest(shares)
 
 
 def _share(count: int, runs: int) -> str:

@@ -13,9 +13,9 @@ from optipromp.core.judging import Violation
 from optipromp.core.planning import Plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.appearance import hex_colour, object_parts
+from optipromp.looks.viewer.sentences import complaint, sentences
 from optipromp.looks.viewer.words import WORDS, head, without_codes
 from optipromp_page import content, stage, tabs
-from optipromp_page.sentences import complaint, sentences
 from optipromp_page.tabs import legend, planned, replayed, things
 from optipromp_sim.generate import generate
 
