@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths, read_only
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import GRID, Shape
 
@@ -38,10 +38,8 @@ class Cells(NamedTuple):
     member: IntArray  # (E,) int32
 
 
-def no_cells() -> Cells:
-    """No cells: every obstacle is near every place."""
-    start, member = np.zeros(2, np.int64), np.zeros(0, np.int32)
-    return Cells(0.0, 0.0, 0.0, 0, read_only(start), read_only(member))
+NO_CELLS = Cells(0.0, 0.0, 0.0, 0, frozen([0, 0], np.int64), frozen([], np.int32))
+"""Every obstacle is near every place."""
 
 
 def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: float) -> Cells:
@@ -52,7 +50,7 @@ def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: floa
     cube [m], which should hold all places that are looked up.
     """
     if len(bound) < FEWEST:
-        return no_cells()
+        return NO_CELLS
     count = min(max(int(np.ceil(2.0 * half / _EDGE)), 1), _MOST)
     edge = 2.0 * half / count
     start = np.zeros(count**3 + 2, dtype=np.int64)
@@ -189,21 +187,17 @@ def packed_shapes(
 ) -> Obstacles:
     """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
     kind, size, bound = measured
+    own = [shapes[index] for index in np.flatnonzero(kind == GRID)]
+    shaped = list({id(shape): shape for shape in own}.values())
+    place = {id(shape): k for k, shape in enumerate(shaped)}
     grid = np.full(len(shapes), -1, dtype=np.int64)
-    grids: dict[int, int] = {}
-    shaped: list[Shape] = []
-    for index in np.flatnonzero(kind == GRID).tolist():
-        shape = shapes[index]
-        if id(shape) not in grids:
-            grids[id(shape)] = len(shaped)
-            shaped.append(shape)
-        grid[index] = grids[id(shape)]
+    grid[kind == GRID] = [place[id(shape)] for shape in own]
     _check_poses(position, rotation)
     values, start, nodes, origin, spacing = _pack_grids(shaped)
     arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
     for array in arrays:
         array.setflags(write=False)
-    cells = make_cells(position, bound, reach, within) if reach > 0.0 else no_cells()
+    cells = make_cells(position, bound, reach, within) if reach > 0.0 else NO_CELLS
     return Obstacles(*arrays, cells)
 
 
@@ -237,7 +231,7 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
 def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
     """Some of the obstacles, without cells."""
     kept = {name: read_only(getattr(obstacles, name)[which]) for name in _EACH}
-    return obstacles._replace(**kept, cells=no_cells())
+    return obstacles._replace(**kept, cells=NO_CELLS)
 
 
 def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
@@ -246,7 +240,7 @@ def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
         name: read_only(np.concatenate([getattr(obstacles, name), getattr(simple, name)]))
         for name in _EACH
     }
-    return obstacles._replace(**both, cells=no_cells())
+    return obstacles._replace(**both, cells=NO_CELLS)
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
