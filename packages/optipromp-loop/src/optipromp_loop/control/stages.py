@@ -484,8 +484,7 @@ class Leave(Stage):
                     return drive.set_out(out, now, tracked), None
             if ways:
                 return None, Next(Stand(GAVE_UP), "no way out is free")
-            there = self.holding and drive.phase(now) >= route.duration  # it moves with the plant
-            return drive.go_on(now, tracked) if there else None, None
+            return None, None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
             stop = drive.brake(begins)
             if self.holding:
