@@ -29,7 +29,6 @@ def assert_sound(loop: Loop) -> None:
     """Legal stages, no jump, and limits that are kept."""
     controller = loop.controller
     assert in_order(event.stage for event in controller.events)
-    assert len(loop.trace.times) == len(loop.trace.stages) == len(loop.trace.tracks)
     start = State(posed(controller.scene, controller.robot)[1].q)
     until = float(loop.run.outcome.duration)
     curve = executed(loop.trace.stretches, controller.robot, start, until)
@@ -68,6 +67,8 @@ def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
 def test_the_same_seed_gives_the_same_pick_to_the_bit(noisy_pick: Loop) -> None:
     again = picked(situation("zero-mean", 101), 101)
     assert again.controller.events == noisy_pick.controller.events
+    for one, other in zip(again.controller.plans, noisy_pick.controller.plans, strict=True):
+        assert all(map(np.array_equal, one.trajectory.rows(), other.trajectory.rows()))
     assert repr(again.run.outcome) == repr(noisy_pick.run.outcome)
     for name, values in noisy_pick.run.rollout.arrays().items():
         np.testing.assert_array_equal(again.run.rollout.arrays()[name], values)
@@ -134,5 +135,4 @@ def test_an_executor_follows_the_controller() -> None:
     assert done.finished, done.reason
     assert (done.refused, done.missed) == ((), 0)
     assert controller.stage is LoopStage.DONE
-    assert len(controller.cycles) > 200
     assert arm.outcome().success
