@@ -171,7 +171,7 @@ class Posed:
         cutoff = max(options.epsilon, options.static_clearance, options.avoid_clearance)
         return Problem(
             task.robot, task.surroundings, terms, constraints, self.waypoints.count,
-            cutoff=cutoff + 1e-3, end_fixed=ends, body=task.body,
+            cutoff=cutoff + 1e-3, end_fixed=ends,
         )  # fmt: skip
 
 

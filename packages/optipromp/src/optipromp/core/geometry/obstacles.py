@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths, read_only
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.compiled import kernel
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import GRID, Shape
@@ -34,10 +34,8 @@ class Cells(NamedTuple):
     member: IntArray  # (E,) int32
 
 
-def no_cells() -> Cells:
-    """No cells: every obstacle is near every place."""
-    start, member = np.zeros(2, np.int64), np.zeros(0, np.int32)
-    return Cells(0.0, 0.0, 0.0, 0, read_only(start), read_only(member))
+NO_CELLS = Cells(0.0, 0.0, 0.0, 0, frozen([0, 0], np.int64), frozen([], np.int32))
+"""Every obstacle is near every place."""
 
 
 def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: float) -> Cells:
@@ -48,7 +46,7 @@ def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: floa
     cube [m], which should hold all places that are looked up.
     """
     if len(bound) < FEWEST:
-        return no_cells()
+        return NO_CELLS
     count = min(max(int(np.ceil(2.0 * half / _EDGE)), 1), _MOST)
     edge = 2.0 * half / count
     start = np.zeros(count**3 + 2, dtype=np.int64)
@@ -185,16 +183,12 @@ def packed_shapes(
 ) -> Obstacles:
     """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
     made = simple(measured, position, rotation)
-    grids: dict[int, int] = {}
-    shaped: list[Shape] = []
-    grid = np.array(made.grid)
-    for index in np.flatnonzero(made.kind == GRID).tolist():
-        shape = shapes[index]
-        if id(shape) not in grids:
-            grids[id(shape)] = len(shaped)
-            shaped.append(shape)
-        grid[index] = grids[id(shape)]
-    if shaped:
+    own = [shapes[index] for index in np.flatnonzero(made.kind == GRID)]
+    if own:
+        shaped = list({id(shape): shape for shape in own}.values())
+        place = {id(shape): k for k, shape in enumerate(shaped)}
+        grid = np.array(made.grid)
+        grid[made.kind == GRID] = [place[id(shape)] for shape in own]
         made = Obstacles(*made[:5], read_only(grid), *_pack_grids(shaped), made.cells)
     if reach > 0.0:
         made = made._replace(cells=make_cells(position, made.bound, reach, within))
@@ -208,7 +202,7 @@ def simple(measured: Measures, position: FloatArray, rotation: FloatArray) -> Ob
     grid = np.full(len(kind), -1, dtype=np.int64)
     for array in (kind, position, rotation, size, bound, grid):
         array.setflags(write=False)
-    return Obstacles(kind, position, rotation, size, bound, grid, *_NO_GRIDS, no_cells())
+    return Obstacles(kind, position, rotation, size, bound, grid, *_NO_GRIDS, NO_CELLS)
 
 
 def measures(shapes: Sequence[Shape]) -> Measures:
@@ -241,7 +235,7 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
 def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
     """Some of the obstacles, without cells."""
     kept = {name: read_only(getattr(obstacles, name)[which]) for name in _EACH}
-    return obstacles._replace(**kept, cells=no_cells())
+    return obstacles._replace(**kept, cells=NO_CELLS)
 
 
 def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
@@ -250,7 +244,7 @@ def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
         name: read_only(np.concatenate([getattr(obstacles, name), getattr(simple, name)]))
         for name in _EACH
     }
-    return obstacles._replace(**both, cells=no_cells())
+    return obstacles._replace(**both, cells=NO_CELLS)
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:

@@ -192,7 +192,6 @@ class Problem:
         *,
         cutoff: float,
         end_fixed: bool = False,
-        body: BodyPoints | None = None,
         evaluation: Evaluation | None = None,
     ) -> None:
         self.robot, self.surroundings, self.n_waypoints = robot, surroundings, n_waypoints
@@ -201,7 +200,7 @@ class Problem:
         self.first = 1
         self.last = n_waypoints - 2 if end_fixed else n_waypoints - 1
         self.dt = 1.0 / (n_waypoints - 1)
-        body = body or BodyPoints(robot)
+        body = body_points(robot)
         self.evaluation = evaluation or Evaluation(robot, body, n_waypoints, self.dt)
         n = robot.n_joints
         self.matrix = np.zeros((2 * n + 1, (self.last - self.first + 1) * n))

@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -89,7 +90,7 @@ class Robot(Shown):
         """Number of independent joints."""
         return len(self.joint_names)
 
-    @property
+    @cached_property
     def turns(self) -> Turns:
         """Of which joints a whole turn changes nothing."""
         return Turns.of(self.kinematics, self.lower, self.upper)
@@ -113,11 +114,11 @@ class Robot(Shown):
         """Number of moving segments (more than joints where joints mimic one another)."""
         return int(self.kinematics.kind.shape[0])
 
-    @property
+    @cached_property
     def tool_rotation(self) -> FloatArray:
         """(3, 3) the tool's frame in that of the last segment: z the tool axis, y the opening."""
         turn = self.flange_rotation
-        return turn if self.tool is None else np.asarray(turn @ self.tool.rotation)
+        return turn if self.tool is None else frozen(turn @ self.tool.rotation)
 
     def check_configuration(self, q: FloatArray) -> FloatArray:
         """Return a copy of ``q`` as a float array (..., n).

@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 from pydantic import BeforeValidator
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
+from optipromp.core.arrays import FloatArray, IntArray, cross, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
@@ -88,7 +88,7 @@ class Approach(Framed, label="approach."):
     def __post_init__(self) -> None:
         super().__post_init__()
         z, y, lead = self.direction, self.lateral, self.lead
-        if np.linalg.norm(np.cross(y, z)) < _PARALLEL:
+        if np.linalg.norm(cross(y, z)) < _PARALLEL:
             raise InvalidSceneError(
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
                 "must point across it"
@@ -103,9 +103,9 @@ class Approach(Framed, label="approach."):
     def frame(self) -> FloatArray:
         """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps vectors to the target frame F_g."""
         z = self.direction
-        x = np.cross(self.lateral, z)
+        x = cross(self.lateral, z)
         x /= np.linalg.norm(x)
-        return frozen([x, np.cross(z, x), z])
+        return frozen([x, cross(z, x), z])
 
 
 @dataclass(frozen=True)
@@ -228,7 +228,7 @@ class Scene(Shown, Framed):
     def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
         return {role: self.objects_at(rows) for role, rows in self._rows.items()}
 
-    @property
+    @cached_property
     def target(self) -> SceneObject | None:
         """The object to reach; None if the scene has a goal instead."""
         return next(iter(self._by_role["target"]), None)
