@@ -183,7 +183,7 @@ def packed_shapes(
 ) -> Obstacles:
     """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
     made = simple(measured, position, rotation)
-    own = [shapes[index] for index in np.flatnonzero(made.kind == GRID)]
+    own = [shapes[k] for k in np.flatnonzero(made.kind == GRID).tolist()]
     if own:
         shaped = list({id(shape): shape for shape in own}.values())
         place = {id(shape): k for k, shape in enumerate(shaped)}
