@@ -187,7 +187,7 @@ def packed_shapes(
 ) -> Obstacles:
     """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
     kind, size, bound = measured
-    own = [shapes[index] for index in np.flatnonzero(kind == GRID)]
+    own = [shapes[index] for index in np.flatnonzero(kind == GRID).tolist()]
     shaped = list({id(shape): shape for shape in own}.values())
     place = {id(shape): k for k, shape in enumerate(shaped)}
     grid = np.full(len(shapes), -1, dtype=np.int64)
