@@ -171,9 +171,8 @@ def test_where_no_state_comes_the_arm_stops_on_its_curve() -> None:
     assert 0.08 < begin - SET < 0.16  # the last state and 0.1 s
     assert end == pytest.approx(SET + 1.0, abs=0.05)
     assert all((level == 1) == (why == "joint states are old") for _, level, why in done.said)
-    later = [
-        one for now, one in done.speeds if begin + 0.65 < now - done.begun < end
-    ]  # from 1.5 rad/s
+    stood = begin + 0.65  # from 1.5 rad/s
+    later = [one for now, one in done.speeds if stood < now - done.begun < end]
     assert max(later) == 0.0
     assert max(done.joins) < 1e-6
     assert done.outcome.success, done.outcome.message
