@@ -395,7 +395,7 @@ class Driver:
         self.course: Course | None = None
         self.route: Route
         self.held = False
-        self._offset: FloatArray | None = None  # (1, 3) of the plant's rest when the target was taken [m]
+        self._offset: FloatArray | None = None  # (1, 3) of the plant's rest by then [m]
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
