@@ -395,7 +395,7 @@ class Driver:
         self.course: Course | None = None
         self.route: Route
         self.held = False
-        self._offset: FloatArray | None = None  # (1, 3) of the plant when the target was taken [m]
+        self._offset: FloatArray | None = None  # (1, 3) of the plant's rest by then [m]
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
@@ -473,7 +473,7 @@ class Driver:
         return course
 
     def hold(self, now: float, tracked: Tracked) -> None:
-        """From now on the target moves with the tool, and the plant is taken to stand as it is.
+        """From now on the target moves with the tool, and the plant is taken to rest.
 
         What is seen of fruits that the tool presses is its own motion: a way out that follows them
         follows itself.
