@@ -52,6 +52,10 @@ class Region:
             slice(columns.start + left, columns.stop + left),
         )
 
+    def with_ripe(self, ripe: float) -> "Region":
+        """The same pixels with another probability of ripeness."""
+        return Region(self.kind, self.part, self.score, self.box, self.shape, ripe)
+
     @property
     def pixels(self) -> BoolArray:
         """(height, width) whether a pixel shows it: a new array at each call."""

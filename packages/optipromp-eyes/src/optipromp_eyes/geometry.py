@@ -56,7 +56,7 @@ class ByGeometry:
         left_out = 0
         found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
         for kind, mask in kinds:
-            parts, left = self._parted(mask, depth, picture.camera.focal)
+            parts, left = self._parted(mask, colours == 0, depth, picture.camera.focal)
             found += [(kind, part, pixels) for part, pixels in parts]
             left_out += left
         regions = []
@@ -73,12 +73,17 @@ class ByGeometry:
         return Found((*regions, Region("stem", stems, 1.0)), left_out)
 
     def _parted(
-        self, mask: BoolArray, depth: FloatArray, focal: float
+        self, mask: BoolArray, plain: BoolArray, depth: FloatArray, focal: float
     ) -> tuple[list[tuple[tuple[slice, ...], BoolArray]], int]:
         """The largest fruits among the pixels of one colour: boxes, and the pixels in them; and
-        how many others there are."""
+        how many others there are. Of ``plain`` pixels, of no colour, those that a fruit encloses
+        and that are not behind it are its gloss."""
         p = self.parameters
-        steps = depth + most_about(-depth, 3) > p.step  # the nearer side keeps its edge
+        known = np.where(depth > 0.0, -depth, -np.inf)
+        least = np.maximum(
+            p.step, 3.0 * p.depth_noise * depth**2
+        )  # steps that are no errors: a choice
+        steps = depth + most_about(known, 3) > least  # the nearer side keeps its edge
         whole = ndimage.binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
         islands, _ = ndimage.label(whole)
@@ -91,7 +96,11 @@ class ByGeometry:
         left_out, count = len(wide) - len(rows), 0
         for row in rows:
             box = boxes[row]
-            fruits, left = _part(islands[box] == row + 1, depth[box] / focal, p)
+            island, far = islands[box] == row + 1, depth[box]
+            front = far[island]
+            gloss = ndimage.binary_fill_holes(island) & plain[box] & (far < front.max() + p.step)
+            far = np.where(gloss & (far == 0.0), np.median(front), far)
+            fruits, left = _part(island | gloss, far / focal, p)
             parts[box] += np.where(fruits > 0, fruits + count, 0)
             count, left_out = count + int(fruits.max()), left_out + left
         grown = most_about(parts, 2 * RAGGED + 1)
