@@ -36,7 +36,7 @@ LONG = {
     "bench": "apart benchmark entries env episodes learnt rounds",
     "control": "controller driver many_detections servo tracker tracks",
     "cli": (
-        "commands crops folder generate_study markup plan process refused ros_node scenarios "
+        "commands crops folder generate_study markup plan process refused scenarios "
         "simulate simulate_closed_loop"
     ),
     "execution": "executor franka streaming streaming_trouble trouble",

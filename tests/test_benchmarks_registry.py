@@ -8,7 +8,6 @@ from benchmarks.registry import (
     RATIO,
     Absent,
     Context,
-    Measured,
     Metric,
     NotAvailableError,
     Registry,
@@ -27,43 +26,6 @@ def registry(function) -> Registry:  # type: ignore[no-untyped-def]
 
 def rows(function) -> dict[str, Row]:  # type: ignore[no-untyped-def]
     return {row.metric.name: row for row in registry(function)["both"].run(Context())}
-
-
-@pytest.mark.parametrize("name", ["", "time", "a/b", "a/b/c/d", "a//c"])
-def test_a_name_has_three_parts(name: str) -> None:
-    with pytest.raises(ValueError, match="family/subject/quantity"):
-        Metric(name, "ms")
-
-
-def test_direction_and_tolerance_are_checked() -> None:
-    with pytest.raises(ValueError, match="lower or higher"):
-        Metric("a/b/c", "ms", "up")  # type: ignore[arg-type]
-    for tolerance in (-0.1, math.inf, math.nan):
-        with pytest.raises(ValueError, match="tolerance"):
-            Metric("a/b/c", "ms", tolerance=tolerance)
-
-
-def test_only_ratios_are_gated() -> None:
-    assert not A.gated
-    assert B.gated
-
-
-def test_targets_know_their_direction() -> None:
-    assert A.reaches(1.0)
-    assert not A.reaches(3.0)
-    assert B.reaches(1.0) is None
-    high = Metric("a/b/c", "%", "higher", target=85.0)
-    assert high.reaches(90.0)
-    assert not high.reaches(80.0)
-
-
-def test_values_become_rows() -> None:
-    def measure(_: Context) -> Values:
-        return {A.name: 1.5, B.name: Measured(2.0, {"minimum": 1.9})}
-
-    found = rows(measure)
-    assert (found[A.name].status, found[A.name].value) == ("ok", 1.5)
-    assert found[B.name].details == {"minimum": 1.9}
 
 
 def test_what_is_missing_is_a_row() -> None:
@@ -122,17 +84,6 @@ def test_selection(pattern: str, count: int) -> None:
     assert len(names) == count
 
 
-def test_everything_is_selected_by_nothing() -> None:
-    ((_, names),) = registry(lambda _: {}).select()
-    assert names == [A.name, B.name]
-
-
 def test_a_pattern_without_match_names_what_there_is() -> None:
     with pytest.raises(ValueError, match=r"famly.*both"):
         registry(lambda _: {}).select(["both", "famly"])
-
-
-def test_rows_survive_json() -> None:
-    row = Row(A, "failed", reason="it broke", details={"minimum": 1.0})
-    back = Row.from_dict(row.to_dict())
-    assert back.to_dict() == row.to_dict()

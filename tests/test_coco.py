@@ -60,16 +60,6 @@ def checked(content):
     return content
 
 
-@pytest.mark.parametrize("mask", ["000", "111", "010", "101"])
-def test_run_lengths_are_those_of_coco(mask):
-    value = np.array([[each == "1" for each in mask]])
-    np.testing.assert_array_equal(
-        decoded({"size": [1, 3], "counts": coco.run_lengths(value)}), value
-    )
-    column = np.array([[False, True], [True, True]])
-    assert coco.run_lengths(column) == [1, 3]
-
-
 def test_key_points_of_a_photograph_are_where_the_fruit_is():
     """A fruit 40 cm before a level camera: its ends are above one another, 60 mm apart.
 

@@ -39,9 +39,7 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
      "docs/add-a-robot.md", "docs/closed-loop.md", "docs/new-user.md", "docs/real-robot.md",
      "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
-def test_the_python_of_a_page_runs(
-    page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
     names: dict[str, object] = {}

@@ -73,9 +73,7 @@ def test_a_helper_reaches_the_tests_that_import_it() -> None:
     assert "packages/optipromp-bench/tests" in loop.quick
 
 
-def test_a_number_above_its_wall_is_red_and_one_below_is_told(
-    estate: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_number_above_its_wall_is_red_and_one_below_is_told(estate, monkeypatch, capsys):
     names = " = ".join(f"self.a{k}" for k in range(16))
     text = f"class Large:\n    def set(self) -> None:\n        {names} = 0\n"
     needs = '[project]\nname = "page"\ndependencies = ["eyes"]\n'

@@ -8,7 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
-from scripts import forest, plan_hashes, publish
+from scripts import plan_hashes, publish
 
 from optipromp_bench.experiments.rows import source_version
 
@@ -89,9 +89,7 @@ def house(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(
-    house: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(house, capsys):
     assert publish.main(["--run", "--minutes", "0"], house) == 0
     assert "first: command 1 of 2 was not begun" in capsys.readouterr().out
     assert publish.main(["--run"], house) == 1  # there is no a.txt
@@ -111,9 +109,7 @@ def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(
     assert capsys.readouterr().out.startswith("docs/figures.md has other figures")
 
 
-def test_a_result_is_stale_where_its_kind_behaves_otherwise(
-    house: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_result_is_stale_where_its_kind_behaves_otherwise(house, capsys):
     (row,) = publish.book_of(house)["result"]
 
     def why(found: dict[str, object], **more: str) -> str:
@@ -145,11 +141,3 @@ def test_an_interrupted_run_ends_what_runs(house: Path) -> None:
     assert run.wait(60.0) == 130
     assert (house / "ended").exists()
     assert not (house / "docs/results").exists()
-
-
-def test_a_forest_has_a_line_for_each_share() -> None:
-    share = forest.Share(50.0, 40.0, 60.0)
-    shares = {"clean": {"a": {"open": share, "closed": share}, "<b>": {"open": share}}}
-    drawn = forest.forest(shares)
-    assert drawn.count('stroke="#0072b2"/>') - 1 == 4  # a line and a dot each, and the legend's
-    assert "&lt;b&gt;" in drawn

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.execution.streaming import Stretch
+from optipromp.core.execution.executor import standing
+from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import JointGoal, Scene
@@ -75,13 +76,11 @@ def pick(
     places = np.array([item.position for item in fruits])
     turns = np.array([item.rotation for item in fruits])
     stems = [np.zeros((0, 3)) if o.stem is None else o.stem.points[::-1] for o in fruits]
-    done, coming, running = Picked(controller), list[Stretch](), None
-    reference, period = State(posed(scene)[1].q), controller.parameters.period
+    done, period = Picked(controller), controller.parameters.period
+    line = Line.of(standing(controller.robot, posed(scene)[1]))
     for k in range(round(longest / period)):
         done.time = now = period * k
-        while coming and coming[0].begins <= now + 1e-9:
-            running = coming.pop(0)
-        reference = reference if running is None else running.at(now)
+        reference = line.at(now)
         done.references.append(reference)
         by = moves(now)
         truth = Truth(
@@ -92,8 +91,8 @@ def pick(
             controller.see(look)
         stretch = controller(now, reference, reference)
         if stretch is not None:
-            coming.append(stretch)
+            line = line.take(stretch, now)
             done.stretches.append(stretch)
-        if controller.ended and not coming and (running is None or running.ended(now)):
+        if controller.ended and line.ended(now):
             break
     return done

@@ -45,7 +45,6 @@ def gap(robot: Robot, made: Trajectory, item: SceneObject, who: Any = slice(None
 
     Densely sampled, by an interpolation of its own.
     """
-    assert item.motion is not None
     times = np.linspace(0.0, made.duration, 4000)
     at = [np.interp(times, item.motion.times, one) for one in item.motion.positions.T]
     off = robot.sphere_centers(made.sample(times)[0])[:, who] - np.stack(at, axis=1)[:, None]

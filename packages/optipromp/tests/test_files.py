@@ -53,9 +53,7 @@ def test_a_full_disk_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.Monk
 
 
 @pytest.mark.parametrize("interruption", [KeyboardInterrupt, SystemExit])
-def test_an_interruption_leaves_no_trace(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, interruption: type[BaseException]
-) -> None:
+def test_an_interruption_leaves_no_trace(tmp_path, monkeypatch, interruption):
     def stop(_: int) -> NoReturn:
         raise interruption
 

@@ -54,9 +54,7 @@ def test_a_damaged_cache_is_noticed_and_made_again(program: Path, tmp_path: Path
     assert run(program, cache)[0][1:] == ["False", "6.0", "0"]
 
 
-def test_a_cache_that_names_a_module_of_another_version_is_made_again(
-    program: Path, tmp_path: Path
-) -> None:
+def test_a_cache_that_names_a_module_of_another_version_is_made_again(program, tmp_path):
     kinds = tmp_path / "kinds"
     kinds.mkdir()
     (kinds / "__init__.py").write_text("from kinds.before import Pair")

@@ -69,9 +69,7 @@ LIES: dict[str, Callable[[Path], None]] = {
 
 
 @pytest.mark.parametrize("lie", LIES)
-def test_no_command_believes_what_the_judge_does_not(
-    lie: str, good: Plan, harmful: Plan, tmp_path: Path
-) -> None:
+def test_no_command_believes_what_the_judge_does_not(lie, good, harmful, tmp_path):
     write_plan(harmful if lie.startswith("status") else good, tmp_path)
     LIES[lie](tmp_path)
     wrong = "HARM_PREDICTED" if lie.startswith("status") else "INVALID_PLAN"
@@ -91,9 +89,7 @@ def test_no_command_believes_what_the_judge_does_not(
 
 @pytest.mark.parametrize("name", FILES)
 @pytest.mark.parametrize("change", ["larger", "of another", "gone"])
-def test_the_file_that_differs_is_named(
-    name: str, change: str, good: Plan, harmful: Plan, tmp_path: Path
-) -> None:
+def test_the_file_that_differs_is_named(name, change, good, harmful, tmp_path):
     write_plan(good, tmp_path / "a")
     write_plan(harmful, tmp_path / "b")
     path = tmp_path / "a" / name
@@ -152,9 +148,7 @@ def test_other_files_of_the_folder_stay(good: Plan, harmful: Plan, tmp_path: Pat
     assert (tmp_path / "deeper" / "x").read_text() == "mine"
 
 
-def test_a_place_that_is_no_file_is_refused_before_anything_is_written(
-    good: Plan, tmp_path: Path
-) -> None:
+def test_a_place_that_is_no_file_is_refused_before_anything_is_written(good, tmp_path):
     (tmp_path / "trajectory.csv").mkdir()
     with pytest.raises(InvalidRequestError, match=r"trajectory.csv: it is no file"):
         write_plan(good, tmp_path)
@@ -162,9 +156,7 @@ def test_a_place_that_is_no_file_is_refused_before_anything_is_written(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="kills a child of this process")
-def test_a_folder_holds_one_plan_whenever_the_writer_is_killed(
-    good: Plan, harmful: Plan, tmp_path: Path
-) -> None:
+def test_a_folder_holds_one_plan_whenever_the_writer_is_killed(good, harmful, tmp_path):
     (tmp_path / "notes.txt").write_text("mine")
     write_plan(good, tmp_path)
     wait, seen = random.Random(0), set()
@@ -189,9 +181,7 @@ def test_a_folder_holds_one_plan_whenever_the_writer_is_killed(
 
 
 @pytest.mark.parametrize("reader", ["load", "write"])
-def test_what_was_committed_is_the_plan(
-    reader: str, good: Plan, harmful: Plan, tmp_path: Path
-) -> None:
+def test_what_was_committed_is_the_plan(reader, good, harmful, tmp_path):
     """As a kill leaves it between the renaming of the folder and that of its files."""
     write_plan(good, tmp_path / "a")
     write_plan(harmful, tmp_path / "b")
@@ -245,7 +235,6 @@ def test_a_plan_that_goes_on_is_judged_from_where_it_began(good: Plan, tmp_path:
         assert again.start is not None
         document = json.loads(runner.invoke(app, ["validate", str(tmp_path), "--json"]).stdout)
         assert document["status"] == "success"
-        assert made.prediction is not None
         assert document["predicted_harm"]["harm"] == made.prediction.harm
     arrays = read(tmp_path / "waypoints.npz")
     np.savez(tmp_path / "waypoints.npz", **{k: v for k, v in arrays.items() if k != "start"})

@@ -33,14 +33,6 @@ def independent(curve: Trajectory) -> Any:
     return BPoly.from_derivatives(curve.times, list(rows))
 
 
-def test_what_it_says_of_itself() -> None:
-    trajectory = Trajectory.through(line(), 0.25, NAMES)
-    assert trajectory.n_waypoints == 5
-    assert trajectory.duration == 1.0
-    np.testing.assert_allclose(trajectory.times, [0.0, 0.25, 0.5, 0.75, 1.0])
-    np.testing.assert_array_equal(trajectory.positions, line())
-
-
 @given(seed=st.integers(0, 10_000))
 @settings(max_examples=40, deadline=None)
 def test_samples_are_those_of_scipys_quintics(seed: int) -> None:
@@ -218,9 +210,7 @@ def test_times_that_look_like_milliseconds_are_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("form", ["csv", "npz"])
 @pytest.mark.parametrize("low", [-np.pi, 0.0])
-def test_a_recording_within_one_turn_is_the_motion_and_a_word_of_it(
-    tmp_path: Path, form: str, low: float
-) -> None:
+def test_a_recording_within_one_turn_is_the_motion_and_a_word_of_it(tmp_path, form, low):
     """Also where rows are far apart: a step of half a turn is one, a whole turn is none."""
     turn, times = 2.0 * np.pi, np.linspace(0.0, 3.0, 31)
     begin = low + turn - 0.28

@@ -50,7 +50,6 @@ def test_what_is_meant_is_taken() -> None:
     made = Basket(np.float32(0.5), float("inf"), weights=[1, np.float64(2.0)])  # type: ignore[arg-type]
     assert (made.depth, made.wait, made.weights) == (0.5, float("inf"), (1.0, 2.0))
     corners = Basket(corners=np.ones((2, 3))).corners
-    assert corners is not None
     assert not corners.flags.writeable
 
 

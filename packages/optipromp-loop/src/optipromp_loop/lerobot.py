@@ -37,6 +37,7 @@ from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, check_one_of
+from optipromp.core.execution.executor import standing
 from optipromp.core.execution.streaming import Line
 from optipromp.core.geometry import Sphere
 from optipromp.core.robots.model import Robot
@@ -45,7 +46,7 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.trajectory import State
 from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.guard import Guard, GuardParameters, Safe
@@ -185,11 +186,7 @@ class OptiPrompPolicy(PreTrainedPolicy):
         q = row_of(batch[OBS_STATE], robot.n_joints)
         now = float(row_of(batch["timestamp"])[0]) if "timestamp" in batch else self._given / c.rate
         if self._line is None:
-            still = np.zeros((2, robot.n_joints))
-            stands = Trajectory(
-                np.array([0.0, 1.0 / c.rate]), np.stack([q, q]), still, still, robot.joint_names
-            )
-            self._line = Line.of(stands, now)
+            self._line = Line.of(standing(robot, State(q)), now)
         look = look_of(batch, self._scene, now)
         if look is not None and look.time > self._seen:
             self._seen = look.time
@@ -197,7 +194,7 @@ class OptiPrompPolicy(PreTrainedPolicy):
         reference = self._line.at(now)
         stretch = self.controller(now, State(q, reference.velocity), reference)
         if stretch is not None:
-            self._line = self._line.until(stretch.begins, now).then(stretch, stretch.begins)
+            self._line = self._line.take(stretch, now, anew=self.controller.lost)
         ahead = [self._line.at(now + k / c.rate) for k in range(1, c.n_action_steps + 1)]
         return torch.tensor(
             np.array([[self._command(state, q, reference.q) for state in ahead]]),

@@ -13,6 +13,8 @@ from tests.control.benches import Picked, eye_of, in_order, pick, still, without
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.execution.executor import standing
+from optipromp.core.execution.streaming import Line
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
@@ -232,7 +234,8 @@ def test_while_no_look_comes_the_arm_stands_and_then_it_goes_on(scene: Scene, go
 
 def test_an_arm_that_does_not_follow_is_stopped_where_it_is(scene: Scene) -> None:
     controller, eye = Controller(scene), eye_of(scene)
-    stuck, running, coming = posed(scene)[1], None, list[Any]()
+    stuck = posed(scene)[1]
+    line = Line.of(standing(controller.robot, stuck))
     fruits = [o for o in scene.objects if o.role != "static"]
     truth = Truth(
         tuple(o.id for o in fruits), np.array([o.position for o in fruits]),
@@ -240,9 +243,7 @@ def test_an_arm_that_does_not_follow_is_stopped_where_it_is(scene: Scene) -> Non
     )  # fmt: skip
     fault = None
     for now in np.arange(0.0, 4.0, 0.02):
-        while coming and coming[0].begins <= now + 1e-9:
-            running = coming.pop(0)
-        reference = stuck if running is None else running.at(now)
+        reference = line.at(now)
         eye.see(now, stuck.q, truth)
         for look in eye.delivered(now):
             controller.see(look)
@@ -254,7 +255,7 @@ def test_an_arm_that_does_not_follow_is_stopped_where_it_is(scene: Scene) -> Non
             assert made.at(made.begins).near(State(stuck.q), 1e-9)
             assert not made.curve.at(made.curve.duration).moving
         assert fault is None or now < fault + 0.2 or far < 1e-9
-        coming += [] if made is None else [made]
+        line = line if made is None else line.take(made, now, anew=controller.lost)
     assert fault is not None
     assert controller.lost
     assert not controller.ended

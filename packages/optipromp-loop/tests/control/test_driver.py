@@ -80,6 +80,22 @@ def test_a_plant_that_moved_asks_for_another_course(made: Plan) -> None:
     assert drive.go_on(now + 0.02, seen(made.scene, large)) is None
 
 
+def test_a_tool_that_holds_its_target_follows_no_fruit_that_moves(made: Plan) -> None:
+    """What moves by then is what it presses: the plant stays where it was when it was taken."""
+    drive, moved, end = driver(made), np.array([0.0, 4e-3, 0.0]), made.trajectory.duration
+    drive.set_out(Route.of(made), 0.0, seen(made.scene))
+    now = end + 1.0
+    assert drive.go_on(now, seen(made.scene, moved)) is not None
+    drive.hold(now, seen(made.scene, moved))
+    back = path_back(made.robot, made.trajectory.positions[:-10:-1], 0.1)
+    out = Route.along(made.robot, back, made.scene, came=(Route.of(made), end))
+    leaving = drive.take(out, 0.0, now, seen(made.scene, -moved))
+    assert leaving is not None
+    away = made.robot.tool_pose(leaving.curve.positions[-1])[0] - out.points[-1]
+    assert away == pytest.approx(moved, abs=2e-4)
+    assert drive.go_on(now + 0.1, seen(made.scene, -2.0 * moved)) is None
+
+
 def test_a_braked_arm_comes_to_rest_and_then_waits_at_the_begin_of_its_route(made: Plan) -> None:
     drive, tracked = driver(made), seen(made.scene)
     before = drive.set_out(Route.of(made), 0.0, tracked)

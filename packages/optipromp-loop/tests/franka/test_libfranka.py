@@ -119,9 +119,7 @@ def test_a_closed_connection_leaves_the_arm_to_the_next(reflexes: list[str]) -> 
         assert second.state().q.shape == (7,)
 
 
-def test_a_second_connection_is_refused_in_time(
-    reflexes: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_second_connection_is_refused_in_time(reflexes, monkeypatch):
     monkeypatch.setattr("optipromp_loop.control.franka.CONNECT", 1.0)
     told = "does not answer within 1 s; is another connection to it open"
     with connected(), pytest.raises(ExecutionError, match=told):

@@ -132,7 +132,6 @@ def test_the_policy_picks_in_the_benchmark(commands: str) -> None:
     env = PickEnv("limp", action="joints" if commands == "velocities" else "tool")
     env.reset(seed=1, options={"preset": "limp", "scene": 940_001})
     episode = env.episode
-    assert episode is not None
     policy = OptiPrompPolicy(OptiPrompConfig(n_action_steps=2, commands=commands),
                              scene=episode.scene)  # fmt: skip
     info: dict[str, Any] = {}
@@ -241,5 +240,4 @@ def test_a_pipeline_with_the_guard_is_saved_and_loaded(tmp_path: Path) -> None:
             zip(step.guard.robot.joint_names, step.guard.robot.home, strict=True)}  # fmt: skip
     out = again((wild, seen))
     assert max(out.values()) < 99.0
-    assert step.safe is not None
     assert step.safe.acted

@@ -54,9 +54,7 @@ def framed(opened: Opened, width: int, height: int) -> bool:
     return np.allclose(camera.position, was)
 
 
-def test_the_view_leaves_the_panel_its_place_and_follows_the_size_of_the_tab(
-    desk: Opened, phone: Opened
-) -> None:
+def test_the_view_leaves_the_panel_its_place_and_follows_the_size_of_the_tab(desk, phone):
     for opened, screen in ((desk, DESK), (phone, PHONE)):
         width, height = screen["viewport"].values()
         panel = opened.tab.locator(".mantine-Paper-root").filter(has=opened.tab.locator(".status"))
@@ -69,22 +67,6 @@ def test_the_view_leaves_the_panel_its_place_and_follows_the_size_of_the_tab(
     desk.tab.set_viewport_size({"width": 400, "height": 900})
     desk.until(lambda: framed(desk, 400, 900), "the cluster is not framed again")
     desk.tab.set_viewport_size(DESK["viewport"])
-
-
-def test_words_and_legend_stand_before_the_numbers(desk: Opened) -> None:
-    desk.told("Passes n1 at 62 mm, pushes it")
-    desk.told("no harm")
-    words, legend, numbers = (
-        desk.tab.locator(name).bounding_box() for name in (".status", ".legend", "table")
-    )
-    assert words["y"] < legend["y"] < numbers["y"]
-    shown = desk.tab.locator(".legend").inner_text()
-    for entry in ("target", "may be pushed aside", "the arm keeps away", "tool path",
-                  "predicted push"):  # fmt: skip
-        assert entry in shown, entry
-    desk.panel.layer("trajectories", False)
-    desk.until(lambda: "tool path" not in desk.tab.locator(".legend").inner_text(), "it stays")
-    desk.panel.layer("trajectories", True)
 
 
 def buttons(opened: Opened) -> dict[str, bool]:
@@ -148,20 +130,6 @@ def test_a_phone_needs_no_sideways_scrolling_and_fingers_hit(phone: Opened, tab:
         assert height >= 40.0, name
         assert left >= -0.5, name
         assert right <= width + 0.5, name
-
-
-def test_a_phone_reaches_the_last_control(phone: Opened) -> None:
-    phone.show("Plan")
-    phone.settle()
-    button = phone.tab.get_by_role("button", name="plan again")
-    button.scroll_into_view_if_needed()
-    box = button.bounding_box()
-    assert box["y"] + box["height"] <= phone.tab.viewport_size["height"]
-    before = phone.window.shown.plan
-    button.tap()
-    phone.until(lambda: phone.window.shown.plan is not before, "the tap does nothing")
-    phone.settle()
-    assert phone.errors == []
 
 
 def test_the_picture_of_a_scene_that_was_seen_stands_in_the_panel(phone: Opened) -> None:

@@ -95,12 +95,6 @@ def test_clearances_agree_with_the_judge(made) -> None:
     assert found.nearest.shape == (len(q), len(made.robot.spheres.radius))
 
 
-def test_pushed_objects_stand_still_until_the_tool_comes(made) -> None:
-    found = content.pushed(made)
-    assert all(item.shift == 0.0 for item in found.at(0.0))
-    assert max(item.shift for item in found.at(made.trajectory.duration)) > 0.02
-
-
 def test_a_recording_out_of_reach_leaves_the_arm_and_a_short_one_is_refused(made) -> None:
     start = made.trajectory.positions[0]
     recorder = Recorder(made.robot, start)

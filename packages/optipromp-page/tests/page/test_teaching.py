@@ -1,7 +1,5 @@
 """The page on which fruits are clicked to teach the eyes, in a real browser."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from tests.page.opened import Opened
@@ -11,9 +9,7 @@ from optipromp_eyes.teaching import Mark
 from optipromp_page.teaching import TeachingPage
 
 
-def test_clicks_are_marks_where_they_hit_the_picture_and_write_tells_what_is_wrong(
-    chromium: Any,
-) -> None:
+def test_clicks_are_marks_where_they_hit_the_picture_and_write_tells_what_is_wrong(chromium):
     def learn(marks: list[Mark]) -> int:
         if marks[-1].kind == "ripe":
             raise InvalidRequestError("0 stems are marked")

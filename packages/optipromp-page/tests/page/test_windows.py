@@ -78,9 +78,7 @@ def test_the_page_itself_and_programs_connect_and_no_other_website(page: Page) -
     ["text", b"", b"\xff\x00", msgspec.msgpack.encode([1]), msgspec.msgpack.encode({"type": "x"}),
      msgspec.msgpack.encode({**CAMERA, "position": None})],
 )  # fmt: skip
-def test_what_is_no_message_ends_its_window_in_a_line(
-    page: Page, message: Any, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_no_message_ends_its_window_in_a_line(page, message, capfd):
     assert sent(page, message, 20.0) == 1007
     told = capfd.readouterr().err
     assert told.startswith("a window sent what is no message: ")
@@ -115,9 +113,7 @@ def test_own(origin: str | None, asked: str, host: str, own: bool) -> None:
 
 
 @pytest.mark.parametrize("path", ["/", "/none", "/" + "a" * 5000])
-def test_no_other_page_may_frame_this_one(
-    page: Page, path: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_no_other_page_may_frame_this_one(page, path, capfd):
     try:
         with urllib.request.urlopen(page.url + path) as answer:
             headers = answer.headers

@@ -1,5 +1,6 @@
 """What values show in a notebook."""
 
+import base64
 import re
 from pathlib import Path
 
@@ -9,7 +10,6 @@ import pytest
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning import Plan, plan
 from optipromp.core.promp import Basis, ProMP
-from optipromp.core.robots import load_robot
 from optipromp.looks.viewer.serving import plan_page
 
 
@@ -73,8 +73,6 @@ def test_views_need_no_network(made: Plan, tmp_path: Path) -> None:
 
 def recorded(page: str) -> list[tuple[float, dict]]:
     """Messages of a page, with their times [s]."""
-    import base64
-
     import msgspec
     import zstandard
 
@@ -99,9 +97,3 @@ def test_the_view_of_a_plan_moves_arm_and_fruits_as_planned(made: Plan) -> None:
     moved = [np.linalg.norm(np.subtract(position, fruit.position)) for _, position in at["fruit"]]
     assert max(moved) > 0.01
     assert max(time for time, _ in at["arm"]) >= made.trajectory.duration - 0.1
-
-
-def test_a_view_of_an_arm_alone_shows_it_at_home() -> None:
-    robot = load_robot("scara")
-    nodes = {m["name"] for _, m in recorded(robot.show().html) if "Mesh" in m["type"]}
-    assert {"/base/arm/base", "/base/arm/2/forearm"} <= nodes

@@ -12,8 +12,19 @@ from typer.testing import CliRunner
 
 from optipromp.cli.main import app
 from optipromp.core.planning import plan
-from optipromp_paper.commands.scenarios import BEGIN, END, _shown, markdown, renew
-from optipromp_paper.scenarios import CASES, ScenarioRow, run_scenarios
+from optipromp.core.scenes import load_scene
+from optipromp_paper import scenarios
+from optipromp_paper.commands.scenarios import (
+    BEGIN,
+    END,
+    SHORT,
+    markdown,
+    reductions,
+    renew,
+    table_one,
+)
+from optipromp_paper.paper import Paper
+from optipromp_paper.scenarios import CASES, ScenarioRow, core_distances, run_scenarios
 
 Rows = tuple[ScenarioRow, ...]
 PAGE = Path(__file__).resolve().parents[4] / "docs" / "paper.md"
@@ -35,9 +46,7 @@ def structure(text: str) -> list[str]:
     return [line.replace("n# and n# are swallowed", "n# is swallowed") for line in lines]
 
 
-def test_the_page_holds_the_tables_that_the_command_makes(
-    scenario_rows: Rows,
-) -> None:
+def test_the_page_holds_the_tables_that_the_command_makes(scenario_rows):
     """Header, cases, statuses, which tests of the paper hold, causes; the numbers may differ."""
     kept, made = tables(PAGE.read_text(encoding="utf-8")), markdown(scenario_rows)
     assert structure(kept) == structure(made)
@@ -61,19 +70,6 @@ def test_the_paper_s_figures_are_those_of_the_cases(scenario_rows: Rows) -> None
         assert told == wanted
 
 
-def test_the_command_says_why_our_falls_are_not_the_paper_s(
-    scenario_rows: Rows,
-) -> None:
-    """The note stands under the falls, and what it names is there."""
-    note = str(list(_shown(scenario_rows, None))[2])
-    assert note.startswith("why our falls are not the paper's")
-    root = PAGE.parents[1]
-    named = re.findall(r"(?:scripts|docs)/\w+\.\w+", note)
-    assert len(named) == 2
-    assert all((root / name).is_file() for name in named)
-    assert "paper_falls.py" in PAGE.read_text(encoding="utf-8")
-
-
 def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
     page.write_text(f"before\n{BEGIN}\nold\n{END}\nafter\n", encoding="utf-8")
@@ -84,12 +80,8 @@ def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:
     assert plain.read_text(encoding="utf-8") == "new"
 
 
-def test_scenarios_end_as_in_the_paper(
-    scenario_rows: tuple[Any, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_scenarios_end_as_in_the_paper(scenario_rows, tmp_path, monkeypatch):
     """The rows are those of the session: the command would make the same."""
-    from optipromp_paper import scenarios
-
     monkeypatch.setattr(scenarios, "run_scenarios", lambda **_: scenario_rows)
     done = CliRunner().invoke(app, ["scenarios", "--json"])
     found = json.loads(done.stdout, parse_constant=pytest.fail)
@@ -142,23 +134,8 @@ def printed(*tables: Any) -> str:
     return str(text)
 
 
-def test_the_table_of_scenarios_fits_eighty_columns(scenario_rows: tuple[Any, ...]) -> None:
-    from optipromp_paper.commands.scenarios import reductions, table_one
-
-    rows = [row for row in scenario_rows if row.case.key in ("3-joint", "3-sequential")]
-    text = printed(table_one(rows), reductions(rows))
-    assert "…" not in text
-    assert "[" not in text  # no markup: the commands print text as it is
-    assert "157 | " in text
-    assert " valid" in text
-
-
 def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
     """A plan that enters the table-top may lower its push as much as it likes."""
-    from optipromp_paper.commands.scenarios import SHORT, reductions, table_one
-    from optipromp_paper.paper import Paper
-    from optipromp_paper.scenarios import CASES, ScenarioRow
-
     case = next(case for case in CASES if case.key == "4-sequential")
     made = plan(case.scene, planner=Paper(drift_offset=0.9), timeout=1.0)
     row = ScenarioRow(case, made)
@@ -174,9 +151,6 @@ def test_no_cost_of_an_invalid_plan_is_said_to_have_fallen() -> None:
 
 def test_m_c_over_joint_origins_is_to_the_core(scenario_rows: tuple[Any, ...]) -> None:
     """Of a ball its centre, of a bar its long axis; wider than over spheres, their centres too."""
-    from optipromp.core.scenes import load_scene
-    from optipromp_paper.scenarios import core_distances
-
     three, four = load_scene("scenario-3"), load_scene("scenario-4")
     (bar,) = (o for o in four.objects if o.role == "static")
     ball = next(o for o in three.objects if o.role == "avoid")

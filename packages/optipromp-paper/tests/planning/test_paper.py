@@ -79,9 +79,7 @@ VALID = (Code.SUCCESS, Code.HARM_PREDICTED)
 
 @pytest.mark.parametrize("strategy", ["joint", "sequential"])
 @pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
-def test_constraint_1_holds_at_every_waypoint_of_the_window(
-    name: str, strategy: str, planned: Planned
-) -> None:
+def test_constraint_1_holds_at_every_waypoint_of_the_window(name, strategy, planned):
     result = planned(name, "paper", strategy=strategy)
     assert result.status in VALID, result.message
     for obj, offsets in aside(result).items():
@@ -190,11 +188,8 @@ def test_rows_push_as_their_penalty_falls(seed: int, count: int) -> None:
 
 
 @pytest.mark.parametrize("name", ["scenario-3", "scenario-4"])
-def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(
-    name: str, planned: Planned
-) -> None:
+def test_a_plan_that_keeps_every_constraint_still_swallows_both_unripe_fruits(name, planned):
     """What was found (docs/paper.md): the rim decides, not the tool point."""
-    pytest.importorskip("mujoco")
     from optipromp_sim.simulation import simulate
 
     result = planned(name, "paper", strategy="joint")
@@ -217,16 +212,13 @@ PAPER_M_P = {
 
 
 @pytest.mark.parametrize("name", ORDER)
-def test_the_sequential_strategy_is_valid_and_passes_as_the_paper_does(
-    name: str, planned: Planned
-) -> None:
+def test_the_sequential_strategy_is_valid_and_passes_as_the_paper_does(name, planned):
     """Signs as in Table I, no less far aside, and no tool that wanders off."""
     result = planned(name, "paper", constraints="push-model")
     assert result.status in VALID, result.message
     assert [(s.name, s.solver) for s in result.stages] == ORDER[name]
     for obj, paper in PAPER_M_P[name].items():
         offset = result.metrics.M_p[obj]
-        assert offset is not None
         assert np.sign(offset) == np.sign(paper) == SIDE[obj]
         assert abs(paper) <= abs(offset) <= 0.1
     tools = tool_points(result.trajectory.positions)
@@ -308,7 +300,6 @@ def test_the_paper_s_own_cases_are_feasible(name: str, strategy: Any, seed: int)
         assert within.sum() >= 3
         assert (SIDE[item.id] * off[within, 1]).min() >= wanted[item.id]
         stem = result.metrics.stem_projection[item.id]
-        assert stem is not None
         assert (result.metrics.M_p[item.id] or 0.0) * stem < 0.0
     if name == "paper-3":
         assert (result.metrics.clearance_avoid or 0.0) > 0.0

@@ -8,7 +8,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, StartInvalidError
-from optipromp.core.execution.executor import Guard, gap_beyond
+from optipromp.core.execution.executor import Guard
+from optipromp.core.execution.streaming import gap_beyond
 from optipromp.core.robots.measured import AT_REST, Measured
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.turns import Turns

@@ -201,17 +201,13 @@ class PickLoop:
         """The message of a stretch; None where it changes nothing for an arm that stands."""
         if stretch is None:
             return None
-        newest = self._arm.newest
-        since = time if newest is None else min(time, newest[0])
-        running = None if self._line is None else self._line.until(stretch.begins, since)
-        if not np.ptp(stretch.curve.positions, axis=0).any() and (
-            running is None or running.at(stretch.begins).near(stretch.at(stretch.begins), 1e-9)
-        ):
+        newest, begins = self._arm.newest, stretch.begins
+        line = self._line or Line.of(stretch.curve, begins)
+        stands = not np.ptp(stretch.curve.positions, axis=0).any()
+        if stands and line.at(begins).near(stretch.at(begins), 1e-9):
             return None  # a controller of the arm holds it where it stands
-        if running is None:
-            self._line = Line.of(stretch.curve, stretch.begins)
-        else:
-            self._line = running.then(stretch, stretch.begins)
+        since = time if newest is None else min(time, newest[0])  # it is asked for the state then
+        self._line = line.take(stretch, since, anew=self.controller.lost)
         assert self._origin is not None
         return trajectories.stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
 

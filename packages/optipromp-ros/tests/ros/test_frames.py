@@ -125,9 +125,7 @@ BOTH = {f"{side}_link{k}" for side in ("left", "right") for k in range(8)}
         ({"cell/fr3_link0"}, "fr3_", "fr3_", "cell/fr3_"),
     ],
 )  # fmt: skip
-def test_the_arm_is_behind_the_prefix_of_its_joints(
-    names: set[str], joints: str | None, stated: str, want: str
-) -> None:
+def test_the_arm_is_behind_the_prefix_of_its_joints(names, joints, stated, want):
     assert link_prefix(names, PANDA, joints, stated) == want
 
 

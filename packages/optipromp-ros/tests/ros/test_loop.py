@@ -30,6 +30,7 @@ from optipromp_ros import (
 )
 from optipromp_ros.trajectories import nanoseconds
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation.detector import Truth
 
 SCENE = load_scene("scenario-3")
 ROBOT, START = posed(SCENE)
@@ -79,7 +80,6 @@ def by_messages(
         simulation = simulation_of.Simulation(scene)
     except InvalidRequestError as error:
         pytest.skip(error.message)
-    from optipromp_sim.simulation.detector import Truth
 
     eye = simulation_of.Eye(
         simulation_of.Detector(scene, robot, simulation_of.DETECTORS["zero-mean"], 0)

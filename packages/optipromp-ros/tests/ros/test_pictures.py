@@ -99,9 +99,7 @@ def about(focal: float, stamp: int = EPOCH, **further: Any) -> Message:
     ],
     ids=["part", "binning", "both"],
 )
-def test_a_part_of_the_sensor_and_binning_move_the_axis(
-    part: tuple[int, ...], bins: int, want: tuple[float, ...]
-) -> None:
+def test_a_part_of_the_sensor_and_binning_move_the_axis(part, bins, want):
     x, y, width, height = part
     roi = message("sensor_msgs/msg/RegionOfInterest", x_offset=x, y_offset=y, width=width,
                   height=height)  # fmt: skip
@@ -367,9 +365,7 @@ def test_where_the_arm_is_unknown_the_refusal_says_why(tmp_path: Path) -> None:
         camera_on(tmp_path / "a.mcap", told)
 
 
-def test_depth_of_another_imager_or_moment_is_refused_by_name(
-    shot: Photograph, tmp_path: Path
-) -> None:
+def test_depth_of_another_imager_or_moment_is_refused_by_name(shot, tmp_path):
     (tmp_path / "camera.json").write_text(json.dumps(shot.picture.camera.document()))
     about, colour, far = recorded(shot, EPOCH)
     far.message.header.frame_id = "camera_depth_optical_frame"

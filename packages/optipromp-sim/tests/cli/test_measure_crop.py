@@ -53,9 +53,7 @@ def test_a_table_of_measurements_becomes_a_crop(tmp_path: Path) -> None:
     ("given", "told"),
     [
         ("width=0.031", "in mm and g: width: 3.1e-05 m is out of range: must be 0.004 to 0.4 m"),
-        ("mass=heavy", "mass[0] is heavy: must be a number above 0 [g]"),
         ("width=31,30 length=40", "numbers of measurements differ: length 1, width 2"),
-        ("mass=19", "no row follows from mass alone"),
         (
             "width=31 length=40 mass=300",
             "density: 14905.2 kg/m^3 is out of range: must be 100 to 1500 kg/m^3",
@@ -63,7 +61,6 @@ def test_a_table_of_measurements_becomes_a_crop(tmp_path: Path) -> None:
         ("swings=3 swing_first=9 swing_last=9.5", "must be, as swings die out"),
         ("stem_length=50 stem_diameter=2 sag_load=5 sag=20", "hang a lighter weight"),
         ("widht=31", "did you mean 'width'?"),
-        ("width=31 --like tomatoe", "did you mean 'tomato'?"),
         ("nowhere.csv", "nowhere.csv"),
     ],
 )

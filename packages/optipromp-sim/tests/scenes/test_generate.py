@@ -48,12 +48,6 @@ def test_a_preset_that_is_not_there_is_refused_by_name() -> None:
         generate("cluster", -1)
 
 
-def test_the_report_counts_what_was_drawn_again() -> None:
-    reports = [made("mixed", seed)[1] for seed in range(5)]
-    assert all(report.redraws == sum(report.reasons.values()) for report in reports)
-    assert sum(report.redraws for report in reports) > 0
-
-
 def test_crowded_scenes_are_as_frequent_as_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """The number of pushables is kept, however often the rest is sampled again."""
     monkeypatch.setattr(generator, "PATIENCE", 3)
@@ -147,7 +141,6 @@ def test_every_count_and_every_side_come_up() -> None:
     for seed in range(40):
         scene, _ = made("table-top", seed)
         (gutter,) = scene.static
-        assert isinstance(gutter.shape, Box)
         off = gutter.position - scene.target.position
         beyond = np.abs(off) > 0.5 * np.array(gutter.shape.size)
         level = np.flatnonzero(beyond[:2])

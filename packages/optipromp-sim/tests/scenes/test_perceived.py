@@ -85,10 +85,3 @@ def test_errors_of_detection_have_the_deviation_asked_for() -> None:
     ]
     # two independent angles: the mean square of the whole is twice that of each
     assert np.sqrt(np.mean(np.square(tilts)) / 2) == pytest.approx(np.deg2rad(5.0), rel=0.15)
-
-
-def test_packs_on_a_board_are_not_seen_to_float() -> None:
-    scene = generate("shelf", 0)
-    seen = perceived(scene, np.random.default_rng(0), Noise(0.01, 6.0))
-    for before, after in zip(scene.objects, seen.objects, strict=True):
-        assert after.position[2] == before.position[2]

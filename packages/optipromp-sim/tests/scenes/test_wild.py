@@ -21,7 +21,6 @@ def figures(count: int) -> dict[str, list[float]]:
         fruits = generate("wild", 65_000 + seed).objects
         out["many"].append(len(fruits))
         for item in fruits:
-            assert item.stem is not None
             edges = np.ptp(item.shape.surface().reshape(-1, 3), axis=0)
             out["longer"].append(edges[2] / edges[0])
             _, across, up = item.stem.vector

@@ -4,8 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy.stats import chi2, poisson
 from tests.simulation.eyes import (
     CAMERA,
@@ -293,22 +291,3 @@ def test_unknown_fruits_are_refused():
         detector.expose(0.0, HOME, fruits._replace(ids=("ripe", "pear")))
     with pytest.raises(InvalidRequestError, match="repeat"):
         detector.expose(0.0, HOME, fruits._replace(ids=("ripe", "ripe")))
-
-
-@settings(deadline=None)
-@given(
-    seed=st.integers(0, 10**6),
-    place=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(0.1, 1.0)),
-    name=st.sampled_from(["perfect", "zero-mean", "detector"]),
-)
-def test_every_detection_is_within_six_standard_deviations(seed, place, name):
-    x, y, z = place
-    at = [x * z, y * z, z]
-    scene = seen_by(fruit("ripe", at, "target"), fruit("n1", [0.3 * z, 0.0, z]))
-    p = replace(DETECTORS[name], mount="beside", bias=0.0, false=0.0, swapped=0.0)
-    for look in looks(scene, replace(p, camera_offset=0.01, told=False), seed, 2):
-        for item in look.detections:
-            found = item.transformed(CAMERA)  # the true pose
-            true = next(o for o in scene.objects if o.id == item.id)
-            sigma = np.sqrt(np.linalg.eigvalsh(found.covariance)[-1])
-            assert (np.abs(found.position - true.position) <= 6.0 * sigma + 1e-9).all()

@@ -43,19 +43,6 @@ def test_the_fingers_are_apart_and_the_tool_point_is_free(scene):
         assert met[0] in hand
 
 
-def test_packs_stand_still(scene):
-    mujoco = engine()
-    world = build(scene, resolve(scene).robot)
-    data = world.data(scene.start)
-    before = [data.qpos[f.position : f.position + 3].copy() for f in world.shown]
-    for _ in range(1000):
-        data.qfrc_applied[:7] = data.qfrc_bias[:7]
-        mujoco.mj_step(world.model, data)
-    for fruit, was in zip(world.shown, before, strict=True):
-        now = data.qpos[fruit.position : fruit.position + 3]
-        assert np.linalg.norm(now - was) < 1e-4
-
-
 def test_a_can_is_picked_off_a_shelf(run):
     assert run.success, run.outcome.message
     assert run.outcome.picked

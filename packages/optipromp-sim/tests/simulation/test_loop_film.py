@@ -1,6 +1,7 @@
 """Films and files of picks in closed loop; pictures are skipped where nothing can be drawn."""
 
 import io
+import json
 from dataclasses import fields, replace
 
 import numpy as np
@@ -119,8 +120,6 @@ def test_a_damaged_record_is_refused(loop, tmp_path, name):
 
 
 def test_the_outcome_rebuilds_the_world_that_swayed(loop, tmp_path):
-    import json
-
     write_run(loop.run, tmp_path)
     document = json.loads((tmp_path / "outcome.json").read_text())
     given = read_parameters(document)

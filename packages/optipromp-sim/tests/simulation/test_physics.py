@@ -10,42 +10,15 @@ from optipromp.core.geometry.shapes import Box, Cylinder, Sphere
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import Robot, load_robot
 from optipromp.core.scenes.io import load_scene
-from optipromp.core.scenes.scene import Pose, SceneObject, Stem
-from optipromp.core.trajectory import Trajectory
+from optipromp.core.scenes.scene import SceneObject, Stem
 from optipromp_sim.simulation import Cause, SimulationParameters, simulate
 from optipromp_sim.simulation.fruits import bows
-from optipromp_sim.simulation.steps import Execution
 from optipromp_sim.simulation.world import FLOOR_DEPTH, build
 
-P = SimulationParameters()
 WEIGHT = 950.0 * 4.0 / 3.0 * np.pi * 0.015**3 * 9.81
 
 
-LYING = Pose([0.0, 3.0, 0.0], [0.8, 0.6, 0.0, 0.0])  # of the fruits' vertical in the base frame
-
-
 STRAIGHT = {"bow_least": 0.0, "bow_most": 0.0}
-
-
-@pytest.mark.parametrize(
-    ("name", "pose"), [("scenario-1", Pose()), ("scenario-3", Pose()), ("scenario-3", LYING)]
-)
-def test_fruits_hang_where_the_scene_has_them(name, pose):
-    scene = load_scene(name).transformed(pose)
-    setup = resolve(scene)
-    world = build(scene, setup.robot, P)
-    names = setup.robot.joint_names
-    stay = Trajectory.through(np.tile(setup.start, (10, 1)), 0.2, names)
-    rollout = Execution(world, stay, 50.0).run()
-    begin = np.array([obj.position for obj in (scene.target, *scene.pushables)])
-    order = [rollout.fruit_ids.index(t.id) for t in (scene.target, *scene.pushables)]
-    np.testing.assert_allclose(rollout.fruit_positions[0, order], begin, atol=1e-9)
-    drift = np.linalg.norm(rollout.fruit_positions - rollout.fruit_positions[0], axis=2)
-    assert rollout.times[-1] > 2.0
-    assert drift.max() < 1e-3
-    for obj in (scene.target, *scene.pushables):
-        lean = obj.stem.vector / np.linalg.norm(obj.stem.vector)
-        assert rollout.tension[obj.id] == pytest.approx(WEIGHT * lean @ scene.up, rel=0.05)
 
 
 @pytest.mark.parametrize("length", [0.10, 0.28])
@@ -240,13 +213,6 @@ def test_a_stem_that_is_pressed_from_below_bends_and_is_no_strut(bench):
     """A perfectly straight chain bears 4 N, a bowed one gives way under 0.3 N."""
     assert risen(bench, STRAIGHT, 4.0) < 1e-3
     assert risen(bench, {}, 0.3) > 0.01
-
-
-def test_a_bowed_stem_holds_its_fruit_where_it_was_seen(bench):
-    run = bench.execution(bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5), length=0.2)))
-    rollout = run.run()
-    moved = np.linalg.norm(rollout.fruit_positions[:, 0] - rollout.fruit_positions[0, 0], axis=1)
-    assert moved.max() < 2e-4
 
 
 def test_bows_are_drawn_within_their_range_and_are_the_same_for_a_seed(bench):

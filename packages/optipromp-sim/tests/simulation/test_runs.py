@@ -4,6 +4,7 @@ import json
 import re
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from optipromp.core.geometry.shapes import HalfSpace, MeshShape, PointCloudShape
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import SceneObject
-from optipromp.core.trajectory import Trajectory
 from optipromp_sim.simulation import Cause, SimulationParameters, catalogue, simulate
 from optipromp_sim.simulation.execute import Moving
 from optipromp_sim.simulation.files import write_run
@@ -166,15 +166,6 @@ def test_every_parameter_says_its_unit_and_its_source():
         assert entry.kind in ("measured", "reported", "published", "guess", "choice")
 
 
-def test_a_scene_with_a_goal_and_no_target_is_executed(bench):
-    from optipromp.core.scenes.scene import PoseGoal
-
-    goal = PoseGoal(np.array([0.3, 0.0, 0.3]), np.array([0.0, 0.0, 1.0]))
-    run = simulate(bench.line((0, 0, 0), (0.3, 0, 0.3)), bench.scene(goal=goal))
-    assert run.success
-    assert run.outcome.picked is None
-
-
 def test_a_run_is_written_whole(runs, tmp_path):
     assert write_run(runs["scenario-4"], tmp_path) == ("rollout.npz", "outcome.json")
     document = json.loads((tmp_path / "outcome.json").read_text())
@@ -186,16 +177,7 @@ def test_a_run_is_written_whole(runs, tmp_path):
         assert list(archive["fruit_ids"]) == ["ripe", "n1", "n2"]
 
 
-def test_a_trajectory_of_three_waypoints(bench):
-    scene = bench.scene(bench.fruit("ripe", (0.0, 0.0, 0.5)))
-    waypoints = np.array([[0, 0, 0], [0.05, 0, 0], [0.1, 0, 0.0]])
-    run = simulate(Trajectory.through(waypoints, 0.5, ("x", "y", "z")), scene)
-    assert run.outcome.tracking_error < 2e-3
-
-
 def test_the_docs_list_every_parameter():
-    from pathlib import Path
-
     page = Path(__file__).resolve().parents[4] / "docs" / "simulation.md"
     text = page.read_text(encoding="utf-8")
     for entry in catalogue():
@@ -235,7 +217,3 @@ def test_the_view_puts_fruits_where_they_were(run):
         stem = at["n1"].stem
         ends = np.linalg.norm(stem[[0, -1]] - at["n1"].position, axis=1)
         assert ends[1] < 0.05 < ends[0]  # the root first
-
-
-def test_runs_faster_than_real_time(runs):
-    assert max(run.real_time_factor for run in runs.values()) > 1.0

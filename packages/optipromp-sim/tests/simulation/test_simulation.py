@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_sim.simulation import SimulatedArm, Simulation, simulate
@@ -151,11 +150,6 @@ def test_it_is_judged_and_a_break_is_told(bench: Bench) -> None:
     assert not simulation.broken
     with pytest.raises(InvalidRequestError, match="record_rate"):
         Simulation(pair(bench), record_rate=0.0)
-
-
-def test_without_a_start_the_arm_stands_at_the_scenes(bench: Bench) -> None:
-    scene = pair(bench)
-    np.testing.assert_array_equal(Simulation(scene).state().q, resolve(scene).start)
 
 
 def test_an_arm_gives_access_to_its_simulation(bench: Bench) -> None:

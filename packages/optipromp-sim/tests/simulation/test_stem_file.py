@@ -9,7 +9,7 @@ from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
 from optipromp.core.pushing.stems import bending
 from optipromp.core.scenes import SceneObject, Stem
-from optipromp_sim.simulation import SimulationParameters, StemParameters, stem_mjcf
+from optipromp_sim.simulation import stem_mjcf
 
 mujoco = pytest.importorskip("mujoco")
 LENGTH, MASS, STIFFNESS = 0.15, 0.02, 2e-3  # [m] [kg] [N m²]
@@ -58,19 +58,6 @@ def test_it_bends_as_in_the_push_model(stiffness):
     beam = bending.stems([fruit])
     assert aside[0] == pytest.approx(force * beam.compliance[0, -1, -1], rel=0.08)
     assert abs(aside[1]) < 1e-4
-
-
-def test_it_swings_as_a_pendulum_on_a_spring():
-    """The Rayleigh quotient of a light beam with a tip mass, under the tension of its weight."""
-    fruit = berry(radius=0.005)
-    damping = StemParameters(damping_time=0.0, swing_damping=0.0)
-    model, data = loaded(stem_mjcf(fruit, replace(SimulationParameters(), stem=damping)))
-    run(model, data, 3.0, (0.005, 0.0, 0.0))
-    x = run(model, data, 5.0)[:, 0] - fruit.position[0]
-    rising = np.flatnonzero((x[:-1] < 0.0) & (x[1:] >= 0.0))
-    period = float(np.diff(rising).mean()) * model.opt.timestep
-    stiffness = 1.0 / bending.stems([fruit]).compliance[0, -1, -1]
-    assert 2.0 * np.pi / period == pytest.approx(np.sqrt(stiffness / MASS), rel=0.06)
 
 
 def test_it_joins_a_model_of_the_user():

@@ -74,13 +74,6 @@ def test_the_fruits_of_every_preset_stay_for_long(preset, seed):
     assert max(moved(generate(preset, seed), seed, 15.0).values(), default=0.0) < 1e-3
 
 
-def test_fruits_on_stems_of_wood_stay():
-    """A plumb capsule and a cone that leans by 60 degrees, on 0.05 N m²."""
-    plumb = hung("n1", LONG, 0.0, 0.10, np.array([0.45, 0.12, 0.9]), 0.05)
-    leaning = hung("n2", BERRY, 60.0, 0.10, np.array([0.45, 0.42, 0.9]), 0.05)
-    assert max(moved(beside_a_target(plumb, leaning), 0, 15.0).values()) < 1e-4
-
-
 @pytest.mark.parametrize("lean", [0.0, 20.0, 60.0, 85.0])
 @pytest.mark.parametrize("length", [0.03, 0.10, 0.28])
 def test_fruits_stay_on_stems_of_any_stiffness(length, lean):

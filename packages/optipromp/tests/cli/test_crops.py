@@ -80,9 +80,7 @@ def test_a_study_tells_which_guess_changes_a_result(frail: Path, tmp_path: Path)
         (("--crop", "tomatoe"), "did you mean 'tomato'?"),
     ],
 )
-def test_a_study_refuses_guesses_of_no_crop(
-    words: tuple[str, ...], told: str, tmp_path: Path
-) -> None:
+def test_a_study_refuses_guesses_of_no_crop(words, told, tmp_path):
     made = run("study", *words, "--preset", "cluster", "--seeds", "0:1", "--out", tmp_path, code=2)
     assert told in made["message"]
 

@@ -32,9 +32,7 @@ def test_a_plan_is_written_as_a_model(reach, tmp_path):
         (["scenario-3", "--mcap", "scene.bag"], "--mcap is 'scene.bag': its name must end in"),
         (["scenario-3", "--mjcf", "scene"], "--mjcf is 'scene': its name must end in .xml"),
         (["panda", "--mjcf", "a.xml"], "panda is a robot; export takes a scene or a plan"),
-        (["panda", "--robot", "a.robot", "--mjcf", "a.xml"], "export takes a scene or a plan"),
         (["panda", "--robot", "a.npz"], "--robot is 'a.npz': its name must end in .robot"),
-        (["nowhere", "--mjcf", "a.xml"], "no file and nothing built in is called nowhere"),
     ],
 )
 def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):

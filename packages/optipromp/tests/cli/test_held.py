@@ -11,6 +11,8 @@ from tests.cli.fixtures import invoke
 
 from optipromp.core.output import load_plan
 from optipromp.core.planning.collision import free
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes import scene_from_dict
 
 SHOWN = Path(__file__).parents[4] / "docs/scene-format.md"
 
@@ -29,10 +31,7 @@ def planned(document: dict[str, Any], folder: Path) -> Any:
     return invoke("plan", folder / "held.yaml", "--no-figures", "--out", folder / "plan", "--json")
 
 
-def test_the_cup_goes_to_the_board_that_it_may_touch_and_the_punnet_goes_along(
-    document: dict[str, Any], tmp_path: Path
-) -> None:
-    pytest.importorskip("mujoco")
+def test_the_cup_goes_to_the_board_that_it_may_touch_and_the_punnet_goes_along(document, tmp_path):
     result = planned(document, tmp_path)
     assert result.exit_code == 0, result.stdout
     assert json.loads(result.stdout)["metrics"]["clearance_static"] > 0.0
@@ -65,8 +64,6 @@ def test_more_padding_leads_the_arm_farther_away(document: dict[str, Any], tmp_p
 def test_the_simulation_carries_the_mass(document: dict[str, Any], tmp_path: Path) -> None:
     """The joints' torques grow as the held mass asks, by the engine's own sum of forces."""
     mujoco = pytest.importorskip("mujoco")
-    from optipromp.core.planning.task import posed
-    from optipromp.core.scenes import scene_from_dict
     from optipromp_sim.simulation.world import build
 
     torques = {}

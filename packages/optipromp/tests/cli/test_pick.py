@@ -10,12 +10,11 @@ from tests import folders
 from tests.cli.fixtures import invoke
 
 import optipromp_ros as ros
-from optipromp import Picked, Plan, load_pick, load_plan, plan
+from optipromp import Picked, load_pick, plan
 from optipromp.core.files import read_npz
 from optipromp.core.scenes.io import load_scene, save_scene
 from optipromp.core.scenes.scene import PoseGoal
 from optipromp.looks.reports import plan_report
-from optipromp_page.stage import execute, open_source
 from optipromp_sim.generate import generate
 
 LEGS = ["reach", "retreat"]
@@ -41,7 +40,6 @@ def pick(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_pick_is_written_with_its_way_out(pick: Path) -> None:
     assert {path.name for path in pick.iterdir()} == FILES | OUT
     made = load_pick(pick)
-    assert isinstance(made, Picked)
     assert list(made.legs) == LEGS
     rows = np.genfromtxt(pick / "retreat.csv", delimiter=",", names=True)
     assert rows["time"][-1] == pytest.approx(made.legs["retreat"].duration)
@@ -50,7 +48,6 @@ def test_a_pick_is_written_with_its_way_out(pick: Path) -> None:
 
 
 def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     done = invoke("simulate", pick, "--out", tmp_path, "--json")
     assert done.exit_code == 0, done.stdout
     made = load_pick(pick)
@@ -68,7 +65,6 @@ def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_
 
 def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Path) -> None:
     """All who are asked of the pick say the same."""
-    pytest.importorskip("mujoco")
     save_scene(generate("table-top", 743004), tmp_path / "scene.yaml")
     alone = invoke("plan", tmp_path / "scene.yaml", "--reach", "--json")
     assert json.loads(alone.stdout)["status"] == "HARM_PREDICTED"
@@ -87,7 +83,6 @@ def test_the_harm_of_the_whole_decides_not_that_of_the_reach_alone(tmp_path: Pat
 
 
 def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     save_scene(generate("table-top", 743009), tmp_path / "scene.yaml")
     done = invoke("plan", tmp_path / "scene.yaml", "--no-figures", "--out", tmp_path, "--json")
     document = json.loads(done.stdout)
@@ -100,22 +95,9 @@ def test_a_way_out_that_harms_is_the_status_of_the_pick(tmp_path: Path) -> None:
     assert "; the way out failed: retreat: " in told["message"]
 
 
-def test_a_reach_alone_replaces_a_pick(tmp_path: Path) -> None:
-    for words, files in (((), FILES | OUT), (("--reach",), FILES)):
-        done = invoke("plan", "scenario-4", *words, "--no-figures", "--out", tmp_path)
-        assert done.exit_code == 0, done.stdout
-        assert {path.name for path in tmp_path.iterdir()} == files
-    found = load_pick(tmp_path)
-    assert isinstance(found, Plan)
-    alone = plan("scenario-4")
-    assert np.array_equal(found.trajectory.positions, alone.trajectory.positions)
-    assert invoke("plan", "scenario-4", "--retreat").exit_code == 2
-
-
 def test_without_a_tool_or_a_target_a_reach_is_planned(tmp_path: Path) -> None:
     scene = load_scene("scenario-4")
     target = scene.target
-    assert target is not None
     goal = PoseGoal(target.position, np.array([0.0, 0.0, 1.0]))
     kept = tuple(item for item in scene.objects if item is not target)
     scenes = {
@@ -135,12 +117,6 @@ def test_a_reach_that_fails_has_its_own_document() -> None:
     assert (done.exit_code, document["status"]) == (1, "GOAL_IN_COLLISION")
     assert "legs" not in document
     assert document["message"] == plan("scenario-1").message
-
-
-def test_targets_are_planned_in_an_order(tmp_path: Path) -> None:
-    done = invoke("plan", "scenario-4", "--targets", "ripe", "--no-figures", "--out", tmp_path)
-    assert done.exit_code == 0, done.stdout
-    assert load_plan(tmp_path / "1-ripe").success
 
 
 @pytest.mark.parametrize("planner", ["promp", "i-promp"])
@@ -165,12 +141,3 @@ def test_a_pick_is_checked_judged_exported_and_shown_to_its_end(pick: Path, tmp_
     content = plan_report(pick).decode("utf-8")
     for words in ('<th scope="row">retreat</th>', "--seed 0 --out DIR"):
         assert words in content
-
-
-def test_the_page_opens_and_executes_a_pick(pick: Path) -> None:
-    pytest.importorskip("mujoco")
-    source = open_source(str(pick))
-    assert isinstance(source.plan, Picked)
-    run = execute(source.plan, "pick")
-    assert run.success
-    assert run.duration > source.plan.duration

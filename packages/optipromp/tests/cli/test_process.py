@@ -29,12 +29,6 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_no_arguments_shows_the_help() -> None:
-    done = subprocess.run(RUN, capture_output=True, text=True, check=False)
-    assert "scenarios" in done.stdout
-    assert "Traceback" not in done.stderr
-
-
 def test_wrong_input_has_no_traceback() -> None:
     done = subprocess.run([*RUN, "plan", "nowhere"], capture_output=True, text=True, check=False)
     assert done.returncode == 2

@@ -6,6 +6,7 @@ import os
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
+from random import Random
 from typing import Any
 
 import numpy as np
@@ -28,17 +29,11 @@ def cut(text: Any) -> str:
 
 
 SCENES: list[tuple[Any, str]] = [
-    (with_fruit(sigma=1e200), "must be 0 to 10"),
     (with_fruit(position=[0, 0, 1e300]), "at most 1e+06"),
-    (MINIMAL | {"name": "a\x1b[31m"}, "control characters"),
-    (MINIMAL | {"name": "a" * 5000}, "1 to 1000"),
-    (MINIMAL | {"name": "a\x00"}, "control characters"), (MINIMAL | {"name": "\u202e"}, "control"),
-    (MINIMAL | {"robot": "../../etc/arm.urdf"}, "OPTIPROMP_FOLDERS"),
     (with_object(shape={"mesh": {"file": "/etc/a.stl"}}), "outside the folder"),
     (with_object(shape={"point_cloud": {"file": "secret.txt", "radius": 1}}), "three numbers"),
     (with_object(shape={"mesh": {"file": "open.obj"}}), "watertight"),
     (with_object(shape={"mesh": {"file": "nan.obj"}}), "vertex"),
-    (MINIMAL | {"approach": {"camera_distance": 1e11}}, "at most 20"),
     ('{"name": 1' + "0" * 5000 + "}", "4300 digits"),
     ("[" + "0," * 3_000_001, "more than 3000000 values"),
 ]  # fmt: skip
@@ -185,11 +180,7 @@ def test_objects_of_hundreds_of_metres_are_told(folder: Path) -> None:
     assert "millimetres?" in result.stderr
 
 
-def test_a_scene_may_read_where_it_is_allowed(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from random import Random
-
+def test_a_scene_may_read_where_it_is_allowed(folder, monkeypatch):
     other = folder / "other"
     (other / "scenes").mkdir(parents=True)
     (folder / "cube.obj").write_bytes(obj())
@@ -253,8 +244,6 @@ ARM = ["--robot", "arm.urdf"]
     ids=lambda command: " ".join(part[:12] for part in command),
 )  # fmt: skip
 def test_names_that_no_file_can_have(folder: Path, command: list[str]) -> None:
-    from random import Random
-
     (folder / "s.json").write_text(json.dumps(MINIMAL))
     (folder / "arm.urdf").write_text(chain(Random(1)))
     (folder / "cube.obj").write_bytes(obj())

@@ -31,9 +31,7 @@ def told(path: Path, *more: str, scene: str = "scenario-3") -> tuple[int, dict[s
     return code, json.loads(stdout)
 
 
-def test_a_plan_is_valid_in_each_of_its_forms(
-    reach: Path, good: Trajectory, tmp_path: Path
-) -> None:
+def test_a_plan_is_valid_in_each_of_its_forms(reach, good, tmp_path):
     shuffled = [3, 0, 6, 1, 2, 5, 4]
     names = tuple(f"panda_{good.joint_names[j]}" for j in shuffled)
     rows = [values[:, shuffled] for values in good.rows()]
@@ -106,8 +104,6 @@ ROW = ",".join(["0.1"] * 7)
         (f"time,{NAMES}\n0,{ROW}\n0,{ROW}\n", "at least 2 waypoints"),
         (f"time,{NAMES}\n0,{ROW}\n2,{ROW}\n1,{ROW}\n", "times do not grow: 2 s at waypoint 1"),
         (f"time,{NAMES}\n0,{ROW}\n1,0.1\n", "line 3: 2 values, the header has 8"),
-        (f"time,{NAMES}\n0,{ROW}\nx,{ROW}\n", "line 3: time is 'x', expected a finite number"),
-        (f"time,{NAMES}\n0,{ROW}\nnan,{ROW}\n", "line 3: time is 'nan'"),
         (f"time,{NAMES}\n0,{ROW}\n1,{ROW.replace('0.1', 'inf', 1)}\n", "line 3: joint1 is 'inf'"),
         (f"time,{NAMES.replace('joint7', 'elbow')}\n0,{ROW}\n1,{ROW}\n", "joint7 is missing"),
         (f"time,{NAMES},joint2_velocity\n0,{ROW},0\n1,{ROW},0\n", "but not joint1_velocity"),
@@ -176,9 +172,7 @@ def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
         assert ("below the floor" in stderr) is said
 
 
-def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(
-    tmp_path: Path,
-) -> None:
+def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(tmp_path):
     """Both were right."""
     scene = load_scene("scenario-3")
     first = scene.pushables[0]

@@ -60,9 +60,7 @@ def test_an_arm_that_is_held_back_is_stopped() -> None:
 @pytest.mark.parametrize(
     ("adapter", "package"), [(PandaPy, "panda-python"), (Franky, "franky-control")]
 )
-def test_without_the_makers_package_the_refusal_says_what_to_install(
-    adapter: type, package: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_the_makers_package_the_refusal_says_what_to_install(adapter, package, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "panda_py", None)
     monkeypatch.setitem(__import__("sys").modules, "franky", None)
     with pytest.raises(InvalidRequestError, match=f"pip install {package}"):

@@ -13,12 +13,11 @@ from tests.execution.arms import (
     always,
     assert_at_rest,
     in_trouble,
-    late,
     no_number,
     once,
     throws,
 )
-from tests.execution.streams import WHOLE, between, giving, quiet, rest, wanted
+from tests.execution.streams import WHOLE, between, giving, quiet, rest
 
 from optipromp.core.execution import Executed
 from optipromp.core.execution.executor import Stretch
@@ -99,17 +98,6 @@ def test_an_interruption_of_a_source_is_passed_on_at_rest(kind: type[Controlled]
     with pytest.raises(KeyboardInterrupt):
         arm.follow(source)
     assert_at_rest(arm)
-
-
-@pytest.mark.parametrize("by", [0.03, 0.09])
-def test_a_tick_that_is_a_little_late_slows_the_motion(by: float) -> None:
-    one, two = Stretch(WHOLE, 0.0), Stretch(rest(1.0, 0.1), 1.0)
-    arm = Controlled(once("tick", 0.99, late(by)))
-    done = arm.follow(giving((0.0, one), (0.5, two)))
-    assert done.finished
-    np.testing.assert_allclose(done.reference, wanted(done, one, two), atol=1e-9)
-    lost = by + PERIOD - arm.guard.advance
-    assert arm.at[-1] == pytest.approx(3.0 + lost, abs=0.03)
 
 
 @pytest.mark.parametrize("often", [once, always])

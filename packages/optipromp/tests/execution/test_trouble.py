@@ -24,13 +24,6 @@ from optipromp.core.execution import Executed, Guard
 from optipromp.core.trajectory import State, Trajectory
 
 
-def test_without_trouble_the_curve_is_followed() -> None:
-    arm = Controlled(lambda *_: None)
-    done = arm.execute(step())
-    assert done.finished
-    np.testing.assert_allclose(arm.asked[-1].q, step().positions[-1], atol=1e-12)
-
-
 @pytest.mark.parametrize("by", [0.005, 0.03, 0.09])
 def test_a_tick_that_is_a_little_late_slows_the_motion(by: float) -> None:
     arm = Controlled(once("tick", 1.0, late(by)))
@@ -173,9 +166,7 @@ def test_what_is_no_curve_and_guards_that_never_end() -> None:
 
 @pytest.mark.parametrize(("jump", "finished"), [(0.0, True), (0.3, False)])
 @pytest.mark.parametrize("limit", [np.inf, 2.0 * np.pi], ids=["without limits", "a turn each way"])
-def test_an_encoder_that_passes_its_end_is_no_trouble_and_a_jump_is(
-    limit: float, jump: float, finished: bool
-) -> None:
+def test_an_encoder_that_passes_its_end_is_no_trouble_and_a_jump_is(limit, jump, finished):
     turn, low = 2.0 * np.pi, PANDA.home + 0.3 - 2.0 * np.pi
 
     def reported(arm: Controlled, what: str) -> State | None:

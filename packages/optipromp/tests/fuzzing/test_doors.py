@@ -19,9 +19,7 @@ FEW = {"network": 2, "answers": 4, "bench_zip": 4, "bench_run": 4, "episode_opti
     [pytest.param(m, marks=() if m is camera else pytest.mark.slow) for _, m in DOORS],
     ids=lambda make: make.__name__,
 )
-def test_what_comes_through_a_door_is_refused_or_right(
-    make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_comes_through_a_door_is_refused_or_right(make, tmp_path, monkeypatch):
     for k in range(FEW.get(make.__name__, COUNT)):
         folder = tmp_path / str(k)
         folder.mkdir()

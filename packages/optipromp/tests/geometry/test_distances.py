@@ -115,15 +115,6 @@ def test_a_rigid_motion_changes_no_distance(name, x, turn, at):
         assert distance_at(pack([(SHAPES[name], at, rotation)]), along)[0] <= there + 1.1e-6
 
 
-@pytest.mark.parametrize("name", SHAPES)
-@settings(max_examples=30, deadline=None)
-@given(x=point, y=point)
-def test_distances_change_no_faster_than_the_point(name, x, y):
-    obstacles = pack([(SHAPES[name], ORIGIN, EYE)])
-    change = distance_at(obstacles, x)[0] - distance_at(obstacles, y)[0]
-    assert abs(change) <= math.dist(x, y) + 1e-12
-
-
 @pytest.mark.parametrize("name", ["sphere", "box", "cylinder", "capsule"])
 def test_agrees_with_coal(name):
     coal = pytest.importorskip("coal")
@@ -283,19 +274,6 @@ def test_what_is_left_out_is_not_near(at, reach):
     kept = np.sort(before[before <= reach])
     np.testing.assert_array_equal(np.sort(after[after <= reach]), kept)
     assert len(some.kind) < len(everything.kind) or reach > 0.5
-
-
-@settings(max_examples=40, deadline=None)
-@given(st.lists(st.sampled_from(sorted(SHAPES)), max_size=30))
-def test_measures_are_those_of_each_shape(names):
-    shapes = [SHAPES[name] for name in names]
-    kind, size, bound = measures(shapes)
-    assert kind.shape == bound.shape == (len(names),)
-    for k, shape in enumerate(shapes):
-        one = pack([(shape, ORIGIN, EYE)])
-        assert kind[k] == one.kind[0]
-        np.testing.assert_array_equal(size[k], one.size[0])
-        assert bound[k] == pytest.approx(shape.measure.bound, rel=1e-15)
 
 
 @pytest.mark.parametrize("name", ["ellipsoid", "flat ellipsoid", "cone", "turned cone"])

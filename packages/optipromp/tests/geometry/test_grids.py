@@ -17,7 +17,6 @@ from optipromp.core.geometry.grids import (
     mesh_grid,
     signed_grid,
     to_nearest,
-    winding_number,
 )
 from optipromp.core.geometry.loading import load_cloud, load_mesh
 
@@ -37,13 +36,6 @@ def box_mesh(size, **more):
     return MeshShape(corners * size, CUBE_FACES, **more)
 
 
-def write_obj(path, mesh):
-    lines = [f"v {x} {y} {z}" for x, y, z in mesh.vertices]
-    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in mesh.faces]
-    path.write_text("\n".join(lines) + "\n")
-    return path
-
-
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
@@ -58,14 +50,6 @@ def test_nodes_are_exact_for_a_box():
     nodes = origin + spacing * np.argwhere(np.ones(values.shape))
     expected = distances(pack([(Box((0.3, 0.2, 0.4)), np.zeros(3), EYE)]), nodes)[0][:, 0]
     np.testing.assert_allclose(values.ravel(), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("flip", [False, True])
-def test_winding_number(flip):
-    mesh = box_mesh([1.0, 1.0, 1.0])
-    triangles = mesh.vertices[mesh.faces[:, ::-1] if flip else mesh.faces]
-    assert abs(winding_number(0.1, 0.2, -0.3, triangles)) == pytest.approx(1.0)
-    assert winding_number(0.1, 0.2, -0.6, triangles) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_agrees_with_trimesh():
@@ -191,23 +175,6 @@ def test_nearest_points_are_found_or_nearly(count, seed, near, kind):
     assert (found[~exact] >= np.maximum(near, true[~exact] / (1.0 + slack)) * (1.0 - 1e-12)).all()
 
 
-def test_cloud_of_one_point_is_a_ball():
-    obstacles = pack([(PointCloudShape([[0.1, 0.0, 0.0]], 0.05), np.zeros(3), EYE)])
-    d, gradient = distances(obstacles, [[0.1, 0.0, 0.0], [0.3, 0.0, 0.0]])
-    assert d[0, 0] <= -0.05 + 1e-12
-    assert d[1, 0] == pytest.approx(0.15, abs=obstacles.grid_spacing[0])
-    assert np.isfinite(gradient).all()
-
-
-def test_a_large_cloud_is_quick():
-    import time
-
-    points = np.random.default_rng(0).uniform(-0.5, 0.5, (100_000, 3))
-    began = time.perf_counter()
-    cloud_grid(PointCloudShape(points, 0.005))
-    assert time.perf_counter() - began < 5.0  # about 0.2 s alone; this machine may be shared
-
-
 def test_grids_are_cached_on_disk_and_a_broken_cache_is_rebuilt(cache):
     mesh = box_mesh([0.1, 0.1, 0.1])
     first = distance_grid(mesh)
@@ -242,13 +209,10 @@ def test_one_shape_object_has_one_grid():
     ("make", "words"),
     [
         (lambda: MeshShape(np.zeros((8, 3)), CUBE_FACES), "no area"),
-        (lambda: box_mesh([1.0, 1.0, 0.0]), "no volume"),
         (lambda: MeshShape(box_mesh([1, 1, 1]).vertices, CUBE_FACES[:-1]), "not watertight"),
         (lambda: MeshShape(box_mesh([1, 1, 1]).vertices, CUBE_FACES + 5), "face indices"),
         (lambda: MeshShape(np.full((8, 3), np.nan), CUBE_FACES), "vertices[0, 0] is nan"),
-        (lambda: PointCloudShape(np.zeros((0, 3)), 0.1), "points has no rows"),
         (lambda: PointCloudShape([[0, 0, 0], [0, np.inf, 0]], 0.1), "points[1, 1] is inf"),
-        (lambda: PointCloudShape([[0, 0, 0]], 0.0), "radius is 0"),
     ],
 )
 def test_refuses_degenerate_shapes(make, words):
@@ -278,11 +242,9 @@ def truncated_stl():
         ("none.stl", None, "No such file"),
         ("empty.stl", b"", "is empty"),
         ("cut.stl", truncated_stl(), "cut.stl"),
-        ("text.stl", b"this is not a mesh\n", "text.stl"),
         ("noise.ply", b"ply\nformat ascii 1.0\nelement vertex 3\n", "noise.ply"),
         ("noise.obj", bytes(range(256)), "noise.obj"),
         ("open.obj", OPEN, "open.obj"),
-        ("flat.obj", OPEN.replace(b"v 0 1 0\nv 0 0 1", b"v 2 0 0\nv 3 0 0"), "flat.obj"),
         ("far.obj", OPEN.replace(b"v 0 0 1", b"v 0 0 1e300"), "far.obj"),
         ("many.obj", OPEN + b"f 1 2 99999999999999999999\n", "many.obj"),
         ("box.dae", b"<x/>", "suffix"),

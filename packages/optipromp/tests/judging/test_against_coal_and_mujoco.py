@@ -40,9 +40,7 @@ def test_the_distances_to_its_own_spheres_are_coals() -> None:
     np.testing.assert_allclose(tally.ours, tally.theirs, atol=3e-6)
 
 
-def test_a_judge_that_knows_the_robot_too_thin_is_found_out(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_judge_that_knows_the_robot_too_thin_is_found_out(monkeypatch):
     """The oracles can fail: with spheres 5 mm smaller contacts are missed."""
     made = oracles.arms
 

@@ -14,7 +14,6 @@ from optipromp.core.geometry import Box, Capsule, Cylinder, HalfSpace, Sphere
 from optipromp.core.judging import clearance
 from optipromp.core.judging.distances import BLOCK, objects_of
 from optipromp.core.judging.speed import Passing, last_passages, passages
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import JointGoal, Scene, SceneObject, Stem
 
 ROLES = ("static", "avoid", "pushable")
@@ -47,9 +46,7 @@ def crowd(count: int, seed: int, spread: float) -> tuple[SceneObject, ...]:
     spread=st.sampled_from([0.3, 1.0, 4.0]),
 )  # fmt: skip
 @settings(max_examples=20, deadline=None)
-def test_all_together_they_are_as_near_as_the_nearest(
-    panda: Robot, count: int, seed: int, spread: float
-) -> None:
+def test_all_together_they_are_as_near_as_the_nearest(panda, count, seed, spread):
     rng = np.random.default_rng(seed)
     ends = rng.uniform(panda.lower, panda.upper, (2, panda.n_joints))
     q = ends[0] + np.linspace(0.0, 1.0, 12)[:, None] * (ends[1] - ends[0])
@@ -142,9 +139,7 @@ def test_a_fruit_is_passed_alike_alone_and_among_others(seed: int, aim: bool) ->
             assert figures[fruit.id] == pytest.approx(getattr(alone, name)[fruit.id], abs=1e-12)
 
 
-def test_a_crowd_that_was_pushed_away_is_known_one_by_one(
-    gantry: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_crowd_that_was_pushed_away_is_known_one_by_one(gantry, monkeypatch):
     """Many boxes side by side in the way of cup and carriage: each as if it stood alone."""
     places = [(0.3 + 0.05 * i, 0.0, -0.2 + 0.002 * i) for i in range(64)]
     boxes = [

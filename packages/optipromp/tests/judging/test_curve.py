@@ -69,18 +69,6 @@ def test_a_limit_that_is_broken_between_waypoints_only(panda: Robot) -> None:
     assert found["acceleration"].subject == panda.joint_names[1]
 
 
-def test_a_position_limit_crossed_between_waypoints(panda: Robot) -> None:
-    """The curve swings over the limit though both rows are inside."""
-    q = np.tile(panda.home, (2, 1))
-    q[:, 0] = panda.upper[0] - 1e-3
-    velocity = np.zeros((2, 7))
-    velocity[0, 0], velocity[1, 0] = 0.5, -0.5
-    curve = Trajectory(np.array([0.0, 0.2]), q, velocity, np.zeros((2, 7)), panda.joint_names)
-    (over,) = [v for v in judged(panda, curve).violations if v.kind == "limit"]
-    assert over.time == pytest.approx(0.1)
-    assert (over.amount or 0.0) > 0.01
-
-
 def test_a_motion_that_does_not_begin_in_its_state_or_end_at_rest(panda: Robot) -> None:
     curve = smooth(panda, 0.05)
     half = curve.resample(200.0)

@@ -84,13 +84,6 @@ def test_kinematics_are_pinocchios(name: str) -> None:
         np.testing.assert_allclose(centers[t], expected, atol=1e-9)
 
 
-def test_centers_are_in_the_robots_own_order(panda: Robot, scara: Robot, gantry: Robot) -> None:
-    """Against the planner's kernels, which share no code with the judge's."""
-    for robot in (panda, scara, gantry):
-        q = samples(robot, 20, seed=1)
-        np.testing.assert_allclose(judging.centers(robot, q), robot.sphere_centers(q), atol=1e-12)
-
-
 @pytest.mark.parametrize("name", SHAPES)
 def test_clearances_are_coals(name: str, panda: Robot) -> None:
     """The nearest sphere to each role's object, over a few configurations, sphere by sphere."""
@@ -124,7 +117,6 @@ def test_clearances_are_coals(name: str, panda: Robot) -> None:
             scene = to(JointGoal(q), obj(role, SHAPES[name], at, TURN))
             found, contacts = judging.clearances(scene, panda, q[None])
             value = found[key]
-            assert value is not None
             nearest = d[chosen].min()
             if nearest > 1e-3:
                 assert value == pytest.approx(nearest, abs=2e-6)
@@ -135,9 +127,7 @@ def test_clearances_are_coals(name: str, panda: Robot) -> None:
 
 
 @pytest.mark.parametrize("role", ["static", "avoid", "pushable"])
-def test_a_mesh_of_a_box_is_the_box(
-    role: str, panda: Robot, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mesh_of_a_box_is_the_box(role, panda, monkeypatch):
     monkeypatch.setattr(clearance, "CONFIGURATIONS", 2)  # of a long motion not all are in memory
     size = (0.3, 0.1, 0.5)
     for seed, at in enumerate(([0.4, 0.1, 0.5], [0.3, -0.4, 0.2], [0.9, 0.3, 0.8])):
@@ -203,12 +193,6 @@ def test_m_c_of_a_mesh_is_not_hidden_by_a_nearer_surface(gantry: Robot) -> None:
     alone, _ = judging.clearances(to(JointGoal(q[0]), mesh), gantry, q)
     assert found["clearance_static"] == pytest.approx(0.005)
     assert found["M_c"] == alone["M_c"] == pytest.approx(0.03, abs=1e-6)
-
-
-def test_nothing_there_is_none(gantry: Robot) -> None:
-    found, contacts = judging.clearances(to(JointGoal(np.zeros(3))), gantry, np.zeros((1, 3)))
-    assert not contacts
-    assert {key for key, value in found.items() if value is not None} <= {"clearance_self"}
 
 
 @pytest.mark.parametrize("most", [0.0, 0.04])

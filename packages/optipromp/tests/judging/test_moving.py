@@ -68,9 +68,7 @@ def test_the_arm_meets_an_avoid_object_in_time_alone(panda: Robot, swing: Trajec
     assert (late.metrics.clearance_avoid or 0.0) > 0.0
 
 
-def test_last_link_and_tool_may_touch_what_moves_by_its_role(
-    panda: Robot, swing: Trajectory
-) -> None:
+def test_last_link_and_tool_may_touch_what_moves_by_its_role(panda, swing):
     tip = panda.tool_pose(swing.at(10.0).q[None])[0][0]
     for role, minded in (("avoid", False), ("static", True)):
         found = judged(panda, swing, visitor(role, tip, 10.0))
@@ -102,9 +100,7 @@ def test_a_pushable_is_in_the_arms_way_where_it_is_then(panda: Robot, swing: Tra
     assert not judged(panda, swing, replace(item, motion=None)).contacts
 
 
-def test_a_contact_with_what_moves_at_the_start_is_one_at_the_start(
-    panda: Robot, swing: Trajectory
-) -> None:
+def test_a_contact_with_what_moves_at_the_start_is_one_at_the_start(panda, swing):
     item = visitor("avoid", elbow(panda, swing, 0.0), 0.0)
     assert [c.other for c in judged(panda, swing, item).at_start] == ["ball"]
     assert judging.touching(Scene("s", "panda", (item,), goal=JointGoal(panda.home)), panda,

@@ -50,12 +50,8 @@ def test_an_objects_own_padding_replaces_the_scenes() -> None:
     robot, state = posed(free)
     far, near, nearest = (clearances(s, robot, state.q[None])[0]["clearance_static"] for s in
                           (free, own, usual))  # fmt: skip
-    assert far is not None
-    assert near is not None
-    assert nearest is not None
     assert (far - near, far - nearest) == pytest.approx((0.02, 0.1))
     found = nearest_static(own, robot, state.q[None])
-    assert found is not None
     assert -found.depth == pytest.approx(near)
 
 
@@ -87,7 +83,6 @@ def test_a_held_thing_is_judged_against_things_links_and_fruits() -> None:
     robot, state = posed(laden)
     tip, _ = robot.tool_pose(state.q)
     _, turns = robot.segment_frames(state.q)
-    assert robot.tool is not None
     axes = turns[-1] @ robot.flange_rotation @ robot.tool.rotation
     end = tip + axes @ np.array([0.2, 0.0, -0.05])
     post = replace(laden, objects=(ball("post", end),))
@@ -122,7 +117,6 @@ def test_a_held_mass_asks_its_weight_of_the_joints() -> None:
     q = state.q[None]
     _, turns = robot.segment_frames(state.q)
     tip, _ = robot.tool_pose(state.q)
-    assert robot.tool is not None
     at = tip + turns[-1] @ robot.flange_rotation @ robot.tool.rotation @ held.position
 
     def height(q: np.ndarray) -> float:

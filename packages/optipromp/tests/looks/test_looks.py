@@ -6,16 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.core.geometry import Box, Cylinder, HalfSpace
+from optipromp.core.geometry import Box, Cylinder
 from optipromp.core.geometry.faces import revolve, sphere
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import Tool, load_robot
 from optipromp.core.robots.tools import TOOL_LINK, Cup, FrankaHand, with_tool
-from optipromp.core.scenes import SceneObject, Stem, load_scene
+from optipromp.core.scenes import Stem, load_scene
 from optipromp.looks.appearance import (
     arm_parts,
     coarser,
-    object_parts,
     scene_parts,
     scenery,
     shape_faces,
@@ -97,17 +96,6 @@ def test_visual_meshes_are_shown_and_missing_ones_are_not_missed(tmp_path: Path)
         np.testing.assert_allclose(np.abs(shown[name]), 0.1)  # the box
 
 
-def test_a_calyx_sits_where_the_stem_begins() -> None:
-    scene = load_scene("scenario-3")
-    item = next(item for item in scene.objects if item.id == "n1")
-    body, calyx = object_parts(scene, item)
-    assert np.linalg.norm(body.vertices, axis=1).max() == pytest.approx(item.radius, rel=1e-3)
-    along = np.diff(item.stem.points[:2], axis=0)[0]
-    along = item.rotation.T @ along / np.linalg.norm(along)
-    assert (calyx.vertices @ along).min() > 0.0
-    assert (calyx.vertices @ along).max() == pytest.approx(item.radius, rel=0.2)
-
-
 def test_stems_hang_from_a_gutter_over_them_or_from_what_the_scene_has() -> None:
     free = load_scene("scenario-3")
     parts = {part.name: part for part in scenery(free)}
@@ -118,19 +106,6 @@ def test_stems_hang_from_a_gutter_over_them_or_from_what_the_scene_has() -> None
     assert (roots < high).all()
     assert parts["posts"].vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
     assert not {"gutter", "posts"} & {part.name for part in scenery(load_scene("scenario-1"))}
-
-
-def test_stems_that_touch_what_they_hang_from_need_no_hangers() -> None:
-    scene = load_scene("scenario-4")
-    bar = scene.static[0]
-    top = bar.position + [0.0, 0.0, 0.5 * bar.shape.size[2]]
-    hanging = [
-        replace(item, stem=Stem(np.array([item.position, top]))) if item.stem else item
-        for item in scene.objects
-    ]
-    names = {part.name for part in scene_parts(replace(scene, objects=tuple(hanging)))}
-    assert "legs" in names
-    assert "hangers" not in names
 
 
 def test_stems_of_one_height_hang_from_a_gutter() -> None:
@@ -156,21 +131,6 @@ def test_what_grows_upwards_does_not_hang() -> None:
         if item.stem is not None
     ]
     assert [part.name for part in scenery(replace(scene, objects=tuple(upright)))] == ["floor"]
-
-
-def test_there_is_one_floor() -> None:
-    scene = load_scene("scenario-4")
-    low = SceneObject("low", "static", Box((0.1, 0.1, 0.1)), np.array([0.4, 0.0, -0.2]))
-    own = SceneObject("own", "static", HalfSpace(), np.array([0.0, 0.0, -0.3]))
-    floors = [
-        [part.vertices[:, 2].max() for part in scenery(each) if part.name == "floor"]
-        for each in (
-            scene,
-            replace(scene, objects=(*scene.objects, low)),
-            replace(scene, objects=(*scene.objects, own)),
-        )
-    ]
-    assert floors == [[pytest.approx(0.0)], [pytest.approx(-0.25)], []]
 
 
 def test_round_surfaces_share_corners_and_edges_do_not() -> None:

@@ -84,9 +84,7 @@ def test_and_one_broken_by_a_little_costs_a_little(name: str, panda: Any) -> Non
     assert 0.0 < value < 9.0 * len(panda.q) ** 2 * (3 * little) ** 2
 
 
-def test_between_its_walls_a_corridor_has_a_share_of_their_curvature_and_no_force(
-    panda: Any,
-) -> None:
+def test_between_its_walls_a_corridor_has_a_share_of_their_curvature_and_no_force(panda):
     tools = panda.robot.tool_pose(panda.q)[0]
 
     def seen(tolerance: float, within: float) -> tuple[float, float, np.ndarray]:

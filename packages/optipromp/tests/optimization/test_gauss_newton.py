@@ -75,9 +75,7 @@ def test_a_value_that_is_known_is_not_asked_for_again(panda: Any) -> None:
 
 
 @pytest.mark.parametrize(("penalty", "keeps"), [(0.0, True), (0.29, True), (0.31, False)])
-def test_a_start_that_nearly_keeps_the_constraints_is_told_from_one_that_does_not(
-    penalty: float, keeps: bool
-) -> None:
+def test_a_start_that_nearly_keeps_the_constraints_is_told_from_one_that_does_not(penalty, keeps):
     assert GaussNewtonOptions(kept=0.3).keeps(Value(1.0 + penalty, {}, 1.0, penalty)) is keeps
 
 
@@ -87,13 +85,6 @@ def test_stops_at_its_deadline_with_what_it_has(panda: Any) -> None:
     assert result.message == "time ran out"
     assert result.iterations == 0
     np.testing.assert_array_equal(result.q, panda.q)
-
-
-def test_no_iterations_is_no_step(panda: Any) -> None:
-    options = GaussNewtonOptions(stages=(0.1, 1.0), iterations=(0, 0))
-    result = solve(to_goal(panda, np.array([0.3, 0.2, 0.5])), panda.q, options)
-    np.testing.assert_array_equal(result.q, panda.q)
-    assert len(result.history) == 1
 
 
 def test_no_step_is_longer_than_allowed(panda: Any) -> None:

@@ -97,9 +97,7 @@ def test_gradient_of_everything_together(case: Any, check_gradient: Callable[...
 
 
 @pytest.mark.parametrize("name", [*TERMS, *CONSTRAINTS])
-def test_curvature_is_the_dense_gauss_newton_matrix(
-    name: str, case: Any, unbanded: Callable[..., np.ndarray]
-) -> None:
+def test_curvature_is_the_dense_gauss_newton_matrix(name, case, unbanded):
     term = {**terms(case), **constraints(case)}[name]
     problem = case.problem([term])
     expected = dense_curvature(problem, case.q)
@@ -132,9 +130,7 @@ def test_curvature_of_everything_together(case: Any, unbanded: Callable[..., np.
 
 
 @pytest.mark.parametrize("name", ["velocity", "smoothness", "limits", "step"])
-def test_curvature_in_the_joints_is_the_true_hessian(
-    name: str, panda: Any, unbanded: Callable[..., np.ndarray]
-) -> None:
+def test_curvature_in_the_joints_is_the_true_hessian(name, panda, unbanded):
     """Quadratic in the joints: no approximation is made, so differences of the gradient agree."""
     problem = panda.problem([{**terms(panda), **constraints(panda)}[name]])
     hessian = []
@@ -155,9 +151,7 @@ def test_curvature_in_the_joints_is_the_true_hessian(
 
 
 @pytest.mark.parametrize("name", ["goal", "corridor", "upright"])
-def test_curvature_at_a_vanishing_residual_is_the_second_difference(
-    name: str, panda: Any, unbanded: Callable[..., np.ndarray]
-) -> None:
+def test_curvature_at_a_vanishing_residual_is_the_second_difference(name, panda, unbanded):
     """Where the residuals vanish Gauss-Newton is Newton: weights and factors of 2 show."""
     tools, axes = panda.robot.tool_pose(panda.q)
     term = {
@@ -181,9 +175,7 @@ def test_curvature_at_a_vanishing_residual_is_the_second_difference(
         assert second == pytest.approx(quadratic, rel=1e-4)
 
 
-def test_self_curvature_bounds_the_coupled_one(
-    case: Any, unbanded: Callable[..., np.ndarray]
-) -> None:
+def test_self_curvature_bounds_the_coupled_one(case, unbanded):
     """Two moving spheres share a residual; their separate blocks of 2w n nᵀ majorise its matrix."""
     weight, margin = 30.0, 0.25
     problem = case.problem(constraints=[SelfCost(weight, margin)])

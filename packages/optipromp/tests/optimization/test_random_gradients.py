@@ -69,9 +69,7 @@ def drawn(case: Any, seed: int) -> tuple[Any, Surroundings, np.random.Generator]
 @pytest.mark.parametrize("name", [*TERMS, *CONSTRAINTS])
 @given(which=st.sampled_from(ROBOTS), seed=seeds)
 @often
-def test_the_slope_is_between_those_of_both_sides(
-    name: str, which: str, seed: int, cases: dict[str, Any]
-) -> None:
+def test_the_slope_is_between_those_of_both_sides(name, which, seed, cases):
     case, around, rng = drawn(cases[which], seed)
     cost = {**terms(case), **constraints(case)}[name]
     problem = case.problem([cost], surroundings=around)

@@ -4,10 +4,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.optimization.builders import EMPTY, NOTHING
+from tests.optimization.builders import EMPTY
 
 from optipromp.core.geometry import Box, Sphere, pack
-from optipromp.core.optimization.costs.joints import SmoothnessCost, VelocityCost
 from optipromp.core.optimization.costs.obstacles import (
     ClearanceCost,
     ObstacleCost,
@@ -17,23 +16,6 @@ from optipromp.core.optimization.costs.obstacles import (
 from optipromp.core.optimization.costs.tool import GoalCost, UprightCost
 from optipromp.core.optimization.problem import Surroundings
 from optipromp_paper.paper import PushCost
-
-
-def test_costs_are_zero_where_there_is_nothing_to_do(panda: Any) -> None:
-    still = np.tile(panda.q[0], (len(panda.q), 1))
-    goal = panda.robot.tool_pose(panda.q[0])[0]
-    costs = [
-        ObstacleCost("static", 1.0, 0.01, "sum"),
-        ObstacleCost("avoid", 1.0, 0.01, "max"),
-        PushCost(1.0, goal, np.eye(3), 0, np.ones(3)),
-        VelocityCost(1.0),
-        SmoothnessCost(1.0),
-    ]
-    problem = panda.problem(costs, surroundings=NOTHING)
-    value = problem.evaluate(still)
-    assert set(value.costs) == {"static", "avoid", "push", "velocity", "smoothness"}
-    assert value.merit < 1e-28
-    assert np.abs(problem.gradient()).max() < 1e-13
 
 
 def test_an_arm_that_stands_in_an_obstacle_has_a_finite_gradient(panda: Any) -> None:

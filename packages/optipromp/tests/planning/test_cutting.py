@@ -71,9 +71,7 @@ def test_what_a_scene_states_stays() -> None:
     ("aside", "missed"),
     [((0, 0), False), ((0, 0.015), False), ((0.015, 0), True), ((0, 0.04), True)],
 )
-def test_the_push_model_tells_whether_the_stem_ends_between_the_blades(
-    aside: tuple[float, float], missed: bool
-) -> None:
+def test_the_push_model_tells_whether_the_stem_ends_between_the_blades(aside, missed):
     """The blades are narrow along x_g and open along y_g."""
     scene = aimed_at_stem(hanging(), BLADES)
     x_g, y_g, z_g = scene.frame

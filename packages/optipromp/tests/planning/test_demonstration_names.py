@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp.core.errors import InvalidDemonstrationError
 from optipromp.core.planning.primitive import BASIS, _tell_unlearnt, learnt
 from optipromp.core.planning.task import resolve
 from optipromp.core.promp import fit, load_demonstrations
@@ -42,26 +41,6 @@ def test_columns_are_matched_to_joints_by_name(three: Scene, tmp_path: Path) -> 
         assert found.joint_names == joints
         np.testing.assert_allclose(found.mean, right.mean, atol=1e-9)
         np.testing.assert_allclose(found.covariance, right.covariance, atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        (["joint1", "joint2", "joint3", "joint4", "joint5", "joint6", "wrist"],
-         "the robot has no joint wrist; joint joint7 is missing"),
-        (None, "its joints are called joint_1 to joint_7, as columns without names are. Name each "
-         "joint of the robot once: joint1, joint2,"),
-    ],
-)  # fmt: skip
-def test_unknown_missing_and_no_names_are_refused(
-    names: list[str] | None, message: str, three: Scene, tmp_path: Path
-) -> None:
-    task = resolve(three)
-    path = written(tmp_path / "demos.npz", task.robot.joint_names, names)
-    with pytest.raises(InvalidDemonstrationError, match=rf"demos\.npz: {message}"):
-        learnt(task, path)
-    with pytest.raises(InvalidDemonstrationError, match=f"the ProMP: {message}"):
-        learnt(task, fit(load_demonstrations(path)))
 
 
 def others(robot: Robot) -> dict[str, Robot]:

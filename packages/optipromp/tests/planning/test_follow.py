@@ -37,7 +37,6 @@ def task_of(which: str | tuple[str, int]) -> Task:
 def tool_path(task: Task) -> ToolPath:
     """The rule's path, or, where nothing is in the way, the approach line."""
     if not task.neighbours:
-        assert isinstance(task.goal, PoseGoal)
         return through(np.array([task.camera, task.goal.position]), 0.1)
     return through(rule_paths(task.scene, task.neighbours, task.robot, task.camera)[0], 0.1)
 
@@ -60,8 +59,6 @@ def first(which: str | tuple[str, int]) -> Start:
 @pytest.mark.parametrize("which", SCENES)
 def test_the_tool_is_on_its_path_with_the_axis_of_the_approach(which: str) -> None:
     task, start = task_of(which), first(which)
-    assert isinstance(task.goal, PoseGoal)
-    assert start.path is not None
     on_path = start.followed[start.waypoints.first :]
     points, axes = task.robot.tool_pose(on_path)
     fine = start.path.at(np.linspace(0.0, 1.0, 20_000))
@@ -77,7 +74,6 @@ def test_the_tool_is_on_its_path_with_the_axis_of_the_approach(which: str) -> No
 @pytest.mark.parametrize("which", SCENES)
 def test_a_followed_trajectory_begins_at_the_start_and_ends_at_the_goal(which: str) -> None:
     task, start = task_of(which), first(which)
-    assert isinstance(task.goal, PoseGoal)
     np.testing.assert_array_equal(start.followed[0], task.start)
     point, axis = task.robot.tool_pose(start.followed[-1])
     assert np.linalg.norm(point - task.goal.position) < 1e-6
@@ -97,12 +93,6 @@ def test_it_begins_and_ends_at_rest(which: str) -> None:
         assert steps[-1] < 0.1 * steps.max()
 
 
-@pytest.mark.parametrize("which", SCENES)
-def test_no_joint_takes_a_larger_step_than_was_asked_for_by_much(which: str) -> None:
-    steps = np.abs(np.diff(first(which).followed, axis=0))
-    assert steps.max() < 1.5 * 0.045
-
-
 @given(st.integers(2, 400))
 def test_a_braked_tool_comes_to_rest_at_the_end(count: int) -> None:
     """At constant speed at first; then speed and acceleration go to nothing."""
@@ -120,8 +110,6 @@ def test_a_braked_tool_comes_to_rest_at_the_end(count: int) -> None:
 def test_the_conditioned_primitive_passes_its_stations_within_millimetres(which: str) -> None:
     """Ends exactly and at rest; tool points and axes nearly: inverse kinematics does the rest."""
     task, start = task_of(which), first(which)
-    assert isinstance(task.goal, PoseGoal)
-    assert start.path is not None
     promp = learnt(task, None)
     share = np.linspace(0.0, 1.0, FOLLOW.stations)
     z0 = start.waypoints.phases[start.waypoints.first]
@@ -159,24 +147,6 @@ def scrambled(task: Task) -> ProMP:
     n, k = promp.mean.shape
     covariance = promp.covariance.reshape(n, k, n, k)[order][:, :, order].reshape(n * k, n * k)
     return promp.with_weights(promp.mean[order], covariance)
-
-
-@pytest.mark.parametrize("which", ["scenario-3", ("cluster", 10)])
-@pytest.mark.parametrize("shown", [elbow_out, scrambled])
-def test_demonstrations_shape_the_posture_of_the_approach(
-    which: str, shown: Callable[[Task], ProMP]
-) -> None:
-    """The tool goes the same way; the arm does so as was shown, also on the last 60 %."""
-    task = task_of(which)
-    own, other = first(which), next(followed(task, shown(task)))
-    assert own.path is not None
-    assert other.waypoints == own.waypoints
-    np.testing.assert_array_equal(other.followed[-1], own.followed[-1])
-    low = own.waypoints.first
-    points = [task.robot.tool_pose(s.followed[low:])[0] for s in (own, other)]
-    assert np.linalg.norm(points[0] - points[1], axis=1).max() < 2.0 * FOLLOW.tracked
-    late = int(0.4 * len(own.followed))
-    assert np.abs(own.followed[late:] - other.followed[late:]).max() > 0.05
 
 
 @pytest.mark.parametrize("shown", [elbow_out, scrambled])

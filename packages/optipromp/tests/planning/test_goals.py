@@ -1,7 +1,6 @@
 """Where a plan may be asked to go, and what goals and starts get that are trivial or hopeless."""
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,7 @@ from optipromp.core.errors import (
     Code,
 )
 from optipromp.core.geometry import Box, Sphere
-from optipromp.core.planning import PLANNERS, Plan, PlanOptions, collision, goals, plan
+from optipromp.core.planning import PLANNERS, PlanOptions, collision, goals, plan
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import JointGoal, PoseGoal, Scene, Stem, load_scene
 from optipromp_paper.paper import Paper
@@ -45,7 +44,6 @@ def test_every_planner_goes_to_a_goal(planner: Any, kind: str, three: Scene) -> 
     result = plan(replace(three, objects=clusters, goal=goal), planner=planner)
     assert_success(result)
     if kind == "pose":
-        assert result.metrics.goal_axis_error is not None
         assert result.metrics.goal_axis_error <= np.deg2rad(2.0)
 
 
@@ -64,14 +62,6 @@ def test_a_pose_with_a_slanted_axis(planner: Any, three: Scene) -> None:
     assert_success(result)
     _, along = result.robot.tool_pose(result.trajectory.positions[-1])
     assert along @ axis / np.linalg.norm(axis) > np.cos(np.deg2rad(2.0))
-
-
-def test_no_pushables(three: Scene, planned: Callable[..., Plan]) -> None:
-    for planner in PLANNERS:
-        result = plan(without(three, "pushable"), planner=planner)
-        assert_success(result)
-        assert result.metrics.clearance_pushable is None
-        assert result.metrics.M_p == result.metrics.stem_projection == {}
 
 
 def test_nothing_but_a_target(three: Scene) -> None:
@@ -98,7 +88,6 @@ def test_without_sides_one_is_chosen(stem: str, three: Scene) -> None:
     result = plan(scene, options=PlanOptions(prediction=False, risk=0.1))
     assert_success(result)
     for offset in result.metrics.M_p.values():
-        assert offset is not None
         assert abs(offset) >= 0.05
     projections = set(result.metrics.stem_projection.values())
     assert projections == ({None} if stem == "none" else {0.0})
@@ -114,7 +103,6 @@ def test_an_undecided_pushable_is_passed_where_there_is_room(three: Scene) -> No
         result = plan(scene)
         assert_success(result)
         offset = result.metrics.M_p["n2"]
-        assert offset is not None
         assert offset * side < 0.0
 
 
@@ -188,14 +176,6 @@ def test_goal_in_collision_names_what_it_touches_and_comes_as_near_as_it_can(thr
     assert not result.success
     assert "lid" in result.message
     assert 1e-3 < result.metrics.goal_error < 0.05
-
-
-def test_a_goal_in_joints_in_collision(three: Scene) -> None:
-    tool = resolve(three).robot.tool_pose(END)[0]
-    scene = replace(three, objects=(block("static", Sphere(0.1), tool),), goal=JointGoal(END))
-    result = plan(scene)
-    assert result.status is Code.GOAL_IN_COLLISION
-    assert "block" in result.message
 
 
 @pytest.mark.parametrize("preset", ["cluster", "mixed", "truss", "shelf"])

@@ -126,9 +126,6 @@ def test_a_saved_path_is_the_same_path_and_turns_with_the_frame(tmp_path: Path) 
     assert scene_to_dict(scene_from_dict(told)) == told
     half = math.sqrt(0.5)
     moved = bound.transformed(Pose(np.array([0.1, 0.2, 0.3]), np.array([half, half, 0.0, 0.0])))
-    assert moved.path is not None
-    assert moved.path.upright is not None
-    assert moved.path.plane is not None
     np.testing.assert_allclose(moved.path.upright.direction, [0.0, -1.0, 0.0], atol=1e-12)
     np.testing.assert_allclose(moved.path.upright.axis, DOWN)
     np.testing.assert_allclose(moved.path.plane.point, [0.1, -0.304, 0.3], atol=1e-12)

@@ -58,7 +58,6 @@ def test_helpers_plan_and_their_arrays_come_back_read_only(monkeypatch: pytest.M
     helped = [result for result in results if isinstance(result, Plan)]
     assert helped
     for array in (helped[0].trajectory.positions, helped[0].robot.lower, helped[0].scene.start):
-        assert array is not None
         assert not array.flags.writeable
 
 
@@ -76,9 +75,7 @@ def test_a_plan_comes_back_with_the_scene_that_was_given(tmp_path: Path) -> None
         assert result.robot.tool == resolve(result.scene).robot.tool
 
 
-def test_helpers_see_the_callers_environment_of_now(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_helpers_see_the_callers_environment_of_now(tmp_path, monkeypatch):
     """Though the server that they come from may have started before it changed."""
     plan_many(["scenario-3"] * 2, planner="promp", workers=2)
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path))
@@ -227,7 +224,6 @@ def interrupted(folder: Path, wait: float, code: str) -> str:
         [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
     )  # fmt: skip
-    assert process.stdout is not None
     try:
         said = process.stdout.readline()
         time.sleep(wait)

@@ -16,6 +16,7 @@ from optipromp.core.scenes import Scene, SceneObject
 from optipromp.looks.appearance import object_parts
 from optipromp_ros.scenes import geometry, read_geometry
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation import simulate
 
 SIZE = 0.06, 0.08, 0.05
 
@@ -79,19 +80,7 @@ def test_planner_and_judge_keep_from_it() -> None:
     assert any("w" in str(violation).split() for violation in told.judgement.violations)
 
 
-def test_its_spheres_hold_the_shovel() -> None:
-    tool = Shovel()
-    cover = tool.spheres()
-    corners = np.concatenate([solid.corners for solid in tool.solids()])
-    away = np.linalg.norm(corners[:, None] - cover[:, :3], axis=2) - cover[:, 3]
-    assert away.min(axis=1).max() <= 1e-9
-    assert tool.holds(np.array([[0.0, 0.0, 0.0], [0.03, 0.0, 0.0]])).tolist() == [True, False]
-    assert (tool.reach, tool.depth, tool.gripper_radius) == (0.14, pytest.approx(0.02), 0.033)
-
-
 def test_they_are_simulated_and_drawn() -> None:
-    from optipromp_sim.simulation import simulate
-
     scene, result = made()
     assert simulate(result).outcome.picked
     (part,) = object_parts(scene, scene.objects[-1])

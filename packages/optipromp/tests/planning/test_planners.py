@@ -162,9 +162,7 @@ def test_a_registered_name_is_known(three: Scene, strangers: None) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:planner 'broken'")
-def test_a_strangers_planner_is_planned_with_studied_and_listed(
-    three: Scene, strangers: None, tmp_path: Path
-) -> None:
+def test_a_strangers_planner_is_planned_with_studied_and_listed(three, strangers, tmp_path):
     same(plan(three, planner="line"), plan(three, planner=Line()))
     rows = run_study(Study(("cluster",), ("line",), (0, 1)), tmp_path / "study", workers=1)
     assert [(row.planner, row.cause != "error") for row in rows] == [("line", True)]
@@ -201,9 +199,7 @@ def test_the_core_names_no_planner_of_the_laboratory() -> None:
     assert replace(Line(), speed=0.3).speed == 0.3
 
 
-def test_without_the_paper_s_package_ours_plan_and_paper_is_no_planner(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_the_paper_s_package_ours_plan_and_paper_is_no_planner(monkeypatch):
     monkeypatch.setattr(planner, "_joined", dict)
     monkeypatch.setattr(
         planner, "_known", {name: planner.factory(name) for name in planner.PLANNERS}

@@ -1,7 +1,5 @@
 """What the push of a plan is predicted to do, whoever planned it; and which path that chooses."""
 
-import time
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,6 @@ from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.task import Task, resolve, tool_motion
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.packs.standing import Standing
-from optipromp.core.pushing.path import STEP
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.scenes import Scene, ToolSpec
 from optipromp_sim.generate import generate
@@ -50,9 +47,7 @@ def same(one: Plan, other: Plan) -> bool:
     ("planner", "harmed"),
     [("promp", "n1 and n2 are swallowed"), ("i-promp", "n1 and n2 are swallowed")],
 )
-def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
-    planner: str, harmed: str, planned: Callable[..., Plan]
-) -> None:
+def test_a_plan_that_is_predicted_to_do_harm_is_no_success(planner, harmed, planned):
     """The judge finds nothing wrong with scenario 3; the model of the push names the fruit."""
     result = planned("scenario-3", planner)
     assert result.status is Code.HARM_PREDICTED
@@ -60,19 +55,9 @@ def test_a_plan_that_is_predicted_to_do_harm_is_no_success(
     verdict = judging.judge(result.scene, result.robot, result.trajectory, stem_side=False)
     assert verdict.violations == ()
     prediction = result.prediction
-    assert prediction is not None
     assert prediction.harm > prediction.threshold
     assert f"{prediction.object} {prediction.cause}".startswith(harmed)
     assert result.message.startswith(f"harm is predicted: {harmed}")
-
-
-def test_a_success_tells_its_harm_too(planned: Callable[..., Plan]) -> None:
-    result = planned("scenario-3")
-    assert result.success
-    assert result.prediction is not None
-    assert 0.0 <= result.prediction.harm <= result.prediction.threshold
-    assert (result.prediction.object, result.prediction.cause) == ("", "nothing is harmed")
-    assert "predicted" not in result.message
 
 
 def test_where_no_model_knows_the_push_nothing_is_predicted(three: Scene) -> None:
@@ -81,20 +66,6 @@ def test_where_no_model_knows_the_push_nothing_is_predicted(three: Scene) -> Non
     assert result.success
     assert result.prediction is None
     assert result.to_dict()["predicted_harm"] is None
-
-
-def test_the_prediction_is_of_the_trajectory_that_is_returned() -> None:
-    """From the first waypoint on the path, led upright: as the model has it."""
-    result = plan(generate("cluster", 3))
-    task = resolve(result.scene)
-    model = model_of(task)
-    points, axes = tool_motion(task.robot, approach(result))
-    apart = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    assert apart.min() > 0.9 * STEP  # less where the way bends
-    assert apart.max() < 1.001 * STEP
-    np.testing.assert_allclose(np.linalg.norm(axes, axis=1), 1.0)
-    assert result.prediction is not None
-    assert model.predict(points, axes).harm == pytest.approx(result.prediction.harm, abs=0.05)
 
 
 def test_the_judge_predicts_the_push_that_the_plan_does() -> None:
@@ -106,8 +77,6 @@ def test_the_judge_predicts_the_push_that_the_plan_does() -> None:
         whole = tool_motion(task.robot, made.trajectory.positions)
         model, told = model_of(task), judge(made.scene, made.trajectory)
         assert told.status == made.status
-        assert made.prediction is not None
-        assert told.prediction is not None
         assert told.prediction.harm == made.prediction.harm
         apart.append(abs(model.harm(*whole, model.states) - made.prediction.harm))
     assert max(apart) > 0.05
@@ -158,8 +127,6 @@ def test_where_the_rules_path_harms_another_is_found(seed: int) -> None:
     rule, own = plan(scene, options=RULE), plan(scene)
     assert own.success, own.message
     assert not same(own, rule)
-    assert rule.prediction is not None
-    assert own.prediction is not None
     assert rule.prediction.harmful
     assert own.prediction.harm < 0.5 * rule.prediction.harm
 
@@ -176,20 +143,3 @@ def test_the_arm_goes_the_way_that_was_chosen(seed: int) -> None:
     tools = result.robot.tool_pose(approach(result))[0]
     off = np.linalg.norm(tools[:, None] - fine[None], axis=2).min(axis=1).max()
     assert off < np.sqrt(3.0) * PlanOptions().corridor
-
-
-@pytest.mark.parametrize("budget", [0.05, 0.3])
-def test_the_timeout_holds_on_a_shelf(budget: float, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In the process's own time: what else the machine does counts for nothing."""
-    monkeypatch.setattr(time, "perf_counter", time.process_time)
-    scene = generate("shelf", 7)
-    plan(scene)  # makes the robot; loads the kernels
-    first = plan(scene, options=PlanOptions(timeout=1e-6))
-    assert first.time["total"] < 0.5 + 1e-6
-    began = time.perf_counter()
-    result = plan(scene, options=PlanOptions(timeout=budget))
-    assert time.perf_counter() - began < budget + 0.5
-    assert result.success or result.status in (
-        Code.TIMEOUT, Code.INVALID_PLAN, Code.HARM_PREDICTED,
-    )  # fmt: skip
-    assert result.trajectory.n_waypoints > 3

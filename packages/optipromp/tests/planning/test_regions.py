@@ -42,9 +42,7 @@ def tool_frame(made: Plan) -> np.ndarray:
     ("orientation", "fingers"),
     [([0, 1, 0, 0], [0.0, -1.0, 0.0]), ([0, HALF, HALF, 0], [1.0, 0.0, 0.0])],
 )
-def test_a_whole_orientation_is_reached(
-    orientation: list[float], fingers: list[float], tool: Any
-) -> None:
+def test_a_whole_orientation_is_reached(orientation, fingers, tool):
     made = plan(scene(AT | {"orientation": orientation}, **({"tool": tool} if tool else {})))
     assert_success(made)
     frame = tool_frame(made)
@@ -81,7 +79,6 @@ def test_a_region_is_reached_where_its_middle_is_blocked(within: Any) -> None:
     point, axis = made.robot.tool_pose(made.trajectory.positions[-1])
     off = np.abs(point - middle["position"])
     assert (off < within).all() if isinstance(within, list) else np.linalg.norm(off) < within
-    assert made.metrics.goal_axis_error is not None
     assert -axis[2] > math.cos(math.radians(30.0))
     assert made.metrics.goal_axis_error < math.radians(30.0)
 

@@ -13,6 +13,7 @@ from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes import load_scene
 from optipromp_paper.paper import Paper
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation import simulate
 
 MARGIN = judging.STATIC_MARGIN
 
@@ -32,9 +33,6 @@ def test_beside_a_table_top_a_plan_has_the_room_that_a_controller_needs() -> Non
 
 
 def test_what_is_taken_goes_well_in_the_simulation() -> None:
-    pytest.importorskip("mujoco")
-    from optipromp_sim.simulation import simulate
-
     outcome = simulate(plan("paper-4", seed=1)).outcome
     assert outcome.success, outcome.message
     assert outcome.static_contacts == ()
@@ -60,7 +58,6 @@ def test_where_none_has_room_the_best_is_a_success_with_a_note() -> None:
 def test_a_target_close_to_a_wall_is_not_searched_for_room() -> None:
     """The cover of the cup is 3 mm from the wall at the goal, in whatever configuration."""
     three = without(load_scene("scenario-3"), "avoid", "pushable")
-    assert three.target is not None
     at = three.target.position + [0.0, 0.078, 0.0]
     wall = block("static", Box((0.4, 0.04, 0.1)), at, "wall")
     scene = replace(three, objects=(*three.objects, wall))

@@ -46,16 +46,6 @@ def test_no_limit_is_exceeded_and_one_is_nearly_reached(seed: int, arm: str, cou
     assert curve.duration <= 1.02 * even.duration * stretch
 
 
-def test_uneven_times_save_time_where_a_motion_does_not_begin_gently() -> None:
-    gain = []
-    for seed in range(20):
-        q = reach(ARMS["panda"], seed, 60)
-        even = Trajectory.through(q, 1.0, ARMS["panda"].joint_names)
-        stretch = (shares(ARMS["panda"], even) ** (1.0 / np.arange(1, 4))).max()
-        gain.append(shortest(ARMS["panda"], q).duration / (even.duration * stretch))
-    assert np.median(gain) < 0.6
-
-
 @pytest.mark.parametrize("arm", sorted(ARMS))
 def test_the_tool_stays_slow_where_it_is_asked_to(arm: str) -> None:
     robot = ARMS[arm]

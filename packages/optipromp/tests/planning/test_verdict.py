@@ -55,7 +55,6 @@ def last_link(scene: Scene, q: np.ndarray) -> np.ndarray:
 def test_no_motion_begins_with_the_last_link_in_a_fruit(preset: Any, seed: int) -> None:
     """Robustness 2: it was a success with harm 0.00, and 1,231 N in the simulation."""
     scene = generate(preset, seed)
-    assert scene.target is not None
     into = last_link(scene, LOW) + [0.05, 0.0, 0.0] - scene.target.position
     inside = moved(scene, into, start=LOW)
     made = plan(inside, seed=seed)
@@ -77,7 +76,6 @@ def test_what_the_last_link_strikes_on_its_way_is_harmed(preset: Any, seed: int)
     by the model, which is led as slowly as the tool goes among fruits.
     """
     scene = generate(preset, seed)
-    assert scene.target is not None
     beside = last_link(scene, LOW) + [0.052, 0.0, 0.0455] - scene.target.position
     near = moved(scene, beside, start=LOW)
     made = plan(near, seed=seed)
@@ -90,7 +88,6 @@ def test_what_the_last_link_strikes_on_its_way_is_harmed(preset: Any, seed: int)
 def test_what_is_in_the_mouth_is_not_in_the_tool() -> None:
     """And the outside of the cup may brush a fruit by as much as its spheres stand out of it."""
     made = plan("scenario-3")
-    assert made.scene.target is not None
     end = made.trajectory.positions[-1]
     alone = replace(made.scene, objects=(made.scene.target,), start=end)
     assert plan(alone).success
@@ -131,7 +128,6 @@ def test_a_fruit_that_is_met_before_the_approach_counts() -> None:
     hung = replace(by_the_way, stem=replace(made.scene.target.stem, points=np.array([where, root])))  # type: ignore[union-attr,type-var]
     more = replace(made.scene, objects=(*made.scene.objects, hung))
     harm = predicted(resolve(more), made.trajectory)
-    assert harm is not None
     assert harm.harmful
     assert harm.object == "low"
 
@@ -142,8 +138,6 @@ def test_what_is_clear_is_left_alone() -> None:
     for seed in range(8):
         scene = generate("cluster", seed)
         model = resolve(scene).push_model(resolve(scene).robot.home)
-        assert model is not None
-        assert scene.target is not None
         before = {o.id: o.position for o in scene.objects}
         for _ in range(12):
             axis = rng.standard_normal(3)
@@ -166,8 +160,6 @@ def test_rows_far_apart_are_followed_along_their_curve() -> None:
                       few.joint_names)  # fmt: skip
     task = resolve(made.scene)
     found, wanted = (predicted(task, motion) for motion in (few, many))
-    assert found is not None
-    assert wanted is not None
     assert found.harm == pytest.approx(wanted.harm, abs=0.15)
 
 
@@ -244,7 +236,6 @@ def asked(folder: Path, report: bool) -> dict[str, Told]:
             page = plan_report(folder).decode()
             status = re.search(r'<p class="status \w+">(\w+), the reach in', page)
             harm = re.search(r"harm (\d+\.\d\d) of at most", page)
-            assert status is not None
             out["report"] = status[1], None if harm is None else float(harm[1])
         except OptiPrompError as error:
             out["report"] = f"error {error.code}", None
@@ -309,9 +300,7 @@ DRAWN = given(
 
 @settings(max_examples=25, deadline=None)
 @DRAWN
-def test_whoever_asks_is_told_the_same(
-    scene: Scene, seed: int, again_at: float | None, tampered: str
-) -> None:
+def test_whoever_asks_is_told_the_same(scene, seed, again_at, tampered):
     """Robustness 3 to 5."""
     assert_one_verdict(scene, seed, again_at, tampered)
 
@@ -325,9 +314,7 @@ def test_the_report_is_told_the_same(which: str) -> None:
 @pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @DRAWN
-def test_whoever_asks_is_told_the_same_at_length(
-    scene: Scene, seed: int, again_at: float | None, tampered: str
-) -> None:
+def test_whoever_asks_is_told_the_same_at_length(scene, seed, again_at, tampered):
     assert_one_verdict(scene, seed, again_at, tampered, report=tampered == "nothing")
 
 

@@ -23,9 +23,7 @@ from optipromp_sim.generate import generate
 
 
 @given(st.lists(st.tuples(st.floats(0.0, 1.0), st.floats(0.0, 1.0)), min_size=1, max_size=20))
-def test_the_cheapest_comes_first_and_no_work_is_done_that_cannot_be_cheaper(
-    given: list[tuple[float, float]],
-) -> None:
+def test_the_cheapest_comes_first_and_no_work_is_done_that_cannot_be_cheaper(given):
     """Each pair is a bound, and what the rank exceeds the bound by."""
     worked: list[float] = []
 
@@ -73,7 +71,6 @@ def test_a_way_out_is_slow_where_it_would_harm_at_full_speed(slow: Picked) -> No
     assert slow.success, slow.message
     out = slow.legs[RETREAT]
     model, way = out.task.back, tool_motion(out.robot, out.trajectory.positions)
-    assert model is not None
     assert model.speed < 0.6 * PUSH.hanging.speed
     assert model.at(PUSH.hanging.speed).harm(*way, model.states) > out.harm
     times = np.arange(0.0, 0.5, 2e-3)  # [s] while it is among fruits
@@ -83,7 +80,6 @@ def test_a_way_out_is_slow_where_it_would_harm_at_full_speed(slow: Picked) -> No
 
 
 def test_what_was_refused_is_picked_clean_in_the_simulation(slow: Picked, hard: Scene) -> None:
-    pytest.importorskip("mujoco")
     outcome = simulate(slow, hard).outcome
     assert outcome.success, outcome.message
 
@@ -91,10 +87,8 @@ def test_what_was_refused_is_picked_clean_in_the_simulation(slow: Picked, hard: 
 def test_one_harm_is_of_the_whole_pick(slow: Picked) -> None:
     reach, out = slow.legs[REACH], slow.legs[RETREAT]
     assert out.harm > reach.harm > 0.0
-    assert out.prediction is not None
     assert slow.failure == out.prediction.probability
     model = retreat_model(reach)
-    assert model is not None
     tip, axis = (one[-1:] for one in reach.robot.tool_pose(reach.trajectory.positions))
     stays = model.harm(np.repeat(tip, 3, 0), np.repeat(axis, 3, 0), model.states)
     assert reach.harm <= stays < 0.5 * (reach.harm + out.harm)
@@ -106,7 +100,6 @@ def test_ways_out_lead_away_from_the_tip_and_the_first_follows_the_reach(slow: P
     tip, axis = (one[-1] for one in reach.robot.tool_pose(q))
     found = [*ways(reach.robot, q, 0.1)]
     assert len(found) == 2 + 8 * 3 + 8 * 2
-    assert found[0].q is not None
     assert (found[0].q[0] == q[-1]).all()
     for way in found:
         assert np.linalg.norm(way.points[0] - tip) < 1e-3

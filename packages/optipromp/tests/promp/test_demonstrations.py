@@ -33,12 +33,9 @@ def test_phases() -> None:
         ((TIMES, np.where(Q == 0.5, np.nan, Q)), r"positions\[1, 0\] is nan"),
         (([0.0, np.inf, 3.0], Q), r"times\[1\] is inf"),
         (([0.0, 1.0, 1.0], Q), r"times\[2\] = 1.0 after 1.0"),
-        (([0.0, 2.0, 1.0], Q), r"times must increase"),
-        (([0.0, 1.0], Q), "positions"),
         (([0.0], Q[:1]), "at least 2"),
         ((TIMES, Q[:, :0]), "positions"),
         ((TIMES, Q, (1.0, 4.0)), "enclose"),
-        ((TIMES, Q, (4.0, 0.0)), "enclose"),
         ((TIMES, Q, (0.0, 1.0, 2.0)), "span"),
     ],
 )
@@ -135,12 +132,9 @@ def test_csv_with_a_demo_column(tmp_path: Path) -> None:
         ("0,1,2\n1,2,3\n", "line 1: expected a header"),
         ("time\n0\n1\n", "header"),
         ("time;q1\n0;1\n", "line 1: its columns are separated by semicolons: must be by commas"),
-        ("time\tq1\n0\t1\n", "separated by tabs"),
         ("time,q1\n", "no demonstrations"),
         ("time,q1\n0,1\n", "at least 2"),
         ("time,q1\n0,1\n1,x\n", "line 3: q1 is 'x'"),
-        ("time,q1\n0,1\n1,nan\n", "line 3: q1 is 'nan'"),
-        ("time,q1\n0,1\n1,\n", "line 3: q1 is ''"),
         ("time,q1\n0,1,5\n1,2,5\n", "line 2: 3 values"),
         ("time,q1,q1\n0,1,1\n1,2,2\n", "'q1' appears twice"),
         ("demo,time,q1\na,0,1\na,1,1\nb,0,1\n", "demo b: .*at least 2"),
@@ -386,9 +380,7 @@ def test_a_minari_dataset_is_refused_by_name(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("apart", [[2], [0], [0, 2], [1, 3, 5]])
-def test_demonstrations_a_turn_apart_come_onto_one_turn_if_the_limits_have_room(
-    tmp_path: Path, apart: list[int]
-) -> None:
+def test_demonstrations_a_turn_apart_come_onto_one_turn_if_the_limits_have_room(tmp_path, apart):
     """Their mean is a motion, not one between two turns; also where half of them are apart."""
     turn, s = 2.0 * np.pi, np.linspace(0.0, 1.0, 51)[:, None]
     motions = [np.array([2.9, 0.1]) + s * [0.7, 0.5] + 0.01 * k for k in range(6)]

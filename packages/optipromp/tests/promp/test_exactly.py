@@ -70,9 +70,7 @@ def drawn(seed: int, condition_number: float) -> tuple[ProMP, list[JointPoint]]:
     ("condition_number", "of_mean", "of_covariance"),
     [(1e2, 1e-12, 1e-13), (1e6, 1e-10, 1e-12), (1e10, 1e-8, 1e-11), (1e17, 1e-5, 1e-10)],
 )
-def test_the_update_is_the_exact_one(
-    condition_number: float, of_mean: float, of_covariance: float
-) -> None:
+def test_the_update_is_the_exact_one(condition_number, of_mean, of_covariance):
     """Mean trajectory, by its size, and covariance, by that of the prior."""
 
     @given(seeds)

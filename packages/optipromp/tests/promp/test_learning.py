@@ -113,13 +113,6 @@ def test_regularised_cases_warn_and_stay_usable() -> None:
     assert np.abs(learnt.mean).max() < 10.0
 
 
-def test_one_demonstration_is_followed() -> None:
-    y = truth(5).sample(np.random.default_rng(0), 1, 50)
-    with pytest.warns(RegularisedWarning):
-        learnt = fit(y, Basis(6))
-    np.testing.assert_allclose(learnt.mean_trajectory(50), y[0], atol=1e-5)
-
-
 def test_a_constant_joint() -> None:
     y = np.concatenate([truth(5).sample(np.random.default_rng(0), 8, 50), np.ones((8, 50, 1))], 2)
     learnt = fit(y)
@@ -134,14 +127,6 @@ def test_names() -> None:
     assert fit(demos).joint_names == ("c", "d")
     with pytest.raises(InvalidRequestError):
         fit(y, joint_names=("a",))
-
-
-def test_inputs_are_unchanged() -> None:
-    y = np.random.default_rng(0).normal(size=(3, 20, 2))
-    before = y.copy()
-    fit(y)
-    fit_em(y)
-    np.testing.assert_array_equal(y, before)
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")

@@ -65,16 +65,6 @@ def test_samples_are_seeded(make_promp: Make) -> None:
     assert make_promp(4).sample(np.random.default_rng(0), 0, 5).shape == (0, 5, 3)
 
 
-def test_trajectory_of_weights_batches(make_promp: Make) -> None:
-    promp = make_promp(5)
-    weights = promp.sample_weights(np.random.default_rng(0), 4)
-    looped = [promp.trajectory(w, 8) for w in weights]
-    np.testing.assert_allclose(promp.trajectory(weights, 8), looped)
-    np.testing.assert_allclose(promp.trajectory(promp.weights, 8), promp.mean_trajectory(8))
-    with pytest.raises(InvalidRequestError, match="weights"):
-        promp.trajectory(np.zeros((3, 4)), 8)
-
-
 def test_is_immutable(make_promp: Make) -> None:
     promp = make_promp(7)
     for array in (promp.mean, promp.covariance, promp.noise, promp.weights):
@@ -123,14 +113,6 @@ def test_saves_and_loads(make_promp: Make, tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["reach.npz"]
 
 
-def test_save_never_writes_half(make_promp: Make, tmp_path: Path) -> None:
-    blocked = tmp_path / "file"
-    blocked.write_text("kept")
-    with pytest.raises(InvalidRequestError, match="cannot write"):
-        make_promp(8).save(blocked / "reach.npz")
-    assert blocked.read_text() == "kept"
-
-
 def test_load_refuses(make_promp: Make, tmp_path: Path) -> None:
     good = tmp_path / "good.npz"
     make_promp(8).save(good)
@@ -157,9 +139,3 @@ def test_load_refuses(make_promp: Make, tmp_path: Path) -> None:
             ProMP.load(tmp_path / name)
     with pytest.raises(InvalidRequestError):
         ProMP.load(tmp_path)
-
-
-def test_with_weights(make_promp: Make) -> None:
-    promp = make_promp(9)
-    other = promp.with_weights(promp.mean + 1.0, 2.0 * promp.covariance)
-    np.testing.assert_allclose(other.mean_trajectory(4), promp.mean_trajectory(4) + 1.0)

@@ -29,9 +29,7 @@ def motions(seed: int, demos: int, count: int = 8, size: int = 60) -> np.ndarray
 
 @given(st.integers(0, 10**6), st.integers(1, 6), st.integers(4, 12), st.booleans())
 @settings(max_examples=30, deadline=None)
-def test_residuals_are_those_of_least_squares(
-    seed: int, demos: int, count: int, uneven: bool
-) -> None:
+def test_residuals_are_those_of_least_squares(seed, demos, count, uneven):
     y = np.random.default_rng(seed).normal(size=(demos, 40, 2)).cumsum(axis=1)
     times = np.linspace(0.0, 1.0, 40) ** (2 if uneven else 1)
     given_as = [Demonstration(times, item) for item in y]

@@ -86,16 +86,6 @@ def test_exact_points_are_hit(arm: TaskMap, arm_promp: ProMP, seed: int, spread:
         assert np.abs(J @ covariance @ J.transpose(0, 2, 1)).max() < 1e-10
 
 
-@given(seeds)
-@settings(max_examples=5, deadline=None)
-def test_order_does_not_matter(arm: TaskMap, arm_promp: ProMP, seed: int) -> None:
-    points = [*reachable(arm_promp, arm, seed, 1.0), JointPoint(0.0, np.full(7, 0.1))]
-    one, _ = condition_with_report(arm_promp, points, arm)
-    other, _ = condition_with_report(arm_promp, points[::-1], arm)
-    np.testing.assert_allclose(one.mean, other.mean, atol=1e-6)
-    np.testing.assert_allclose(one.covariance, other.covariance, atol=1e-6)
-
-
 def test_finds_the_most_probable(arm: TaskMap, arm_promp: ProMP) -> None:
     """Against L-BFGS-B on the weights themselves, to the 0.1 % a step at which it stops."""
     factor = 0.05 * np.random.default_rng(0).normal(size=(3, 3))
@@ -158,15 +148,6 @@ def test_a_linear_map_needs_no_iteration(arm_promp: ProMP) -> None:
     )
     assert report.converged
     assert report.iterations <= 2
-
-
-def test_joint_and_task_points_together(arm: TaskMap, arm_promp: ProMP) -> None:
-    start = np.full(7, 0.1)
-    x, a = pose(arm_promp, arm, 1.0)
-    goal = TaskPoint(1.0, x + [0.02, 0.05, -0.03], a)
-    result = condition(arm_promp, [goal, JointPoint(0.0, start)], arm)
-    np.testing.assert_allclose(result.mean_trajectory([0.0])[0], start, atol=1e-9)
-    np.testing.assert_allclose(pose(result, arm, 1.0)[0], goal.position, atol=1e-8)
 
 
 def test_uncertain_points_give_way(arm: TaskMap, arm_promp: ProMP) -> None:

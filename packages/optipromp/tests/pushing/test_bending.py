@@ -85,9 +85,7 @@ def test_a_cantilever(length: float) -> None:
 @settings(max_examples=100, deadline=None)
 @given(LENGTHS, RADII, LEANS, AZIMUTHS)
 @example(0.28125, 0.01953125, 0.0, 0.0)  # heavy on a long stem: it turns within 2 cm of the root
-def test_loads_at_the_loaded_points_bend_it_as_a_beam_under_tension(
-    length: float, radius: float, lean: float, azimuth: float
-) -> None:
+def test_loads_at_the_loaded_points_bend_it_as_a_beam_under_tension(length, radius, lean, azimuth):
     one, beam = even(length, radius, lean, azimuth)
     compliance = np.linalg.inv(one.stiffness[0])
     s = length * np.arange(BEAM.elements + 1) / BEAM.elements
@@ -102,9 +100,7 @@ def test_loads_at_the_loaded_points_bend_it_as_a_beam_under_tension(
 
 @settings(max_examples=100, deadline=None)
 @given(LENGTHS, RADII, LEANS, AZIMUTHS)
-def test_the_stiffness_is_symmetric_and_positive_definite(
-    length: float, radius: float, lean: float, azimuth: float
-) -> None:
+def test_the_stiffness_is_symmetric_and_positive_definite(length, radius, lean, azimuth):
     one, _ = hanging(length, radius, lean, azimuth)
     for matrix in (one.stiffness[0], one.shortening[0]):
         np.testing.assert_allclose(matrix, matrix.T, rtol=1e-9, atol=1e-9 * np.abs(matrix).max())
@@ -115,9 +111,7 @@ def test_the_stiffness_is_symmetric_and_positive_definite(
 
 @settings(max_examples=60, deadline=None)
 @given(LENGTHS, RADII, LEANS, st.lists(st.floats(-0.02, 0.02), min_size=3, max_size=3))
-def test_the_shortening_is_half_the_integral_of_the_squared_slope(
-    length: float, radius: float, lean: float, u: list[float]
-) -> None:
+def test_the_shortening_is_half_the_integral_of_the_squared_slope(length, radius, lean, u):
     one, _ = hanging(length, radius, lean)
     s = length * np.arange(BEAM.elements + 1) / BEAM.elements
     slope = np.diff(one.shape[0] @ u) / np.diff(s)
@@ -127,9 +121,7 @@ def test_the_shortening_is_half_the_integral_of_the_squared_slope(
 
 
 @pytest.mark.parametrize(("length", "radius", "lean"), [(0.1, 0.01, 0.0), (0.25, 0.015, 0.3)])
-def test_a_bent_stem_is_shorter_by_what_the_beam_loses(
-    length: float, radius: float, lean: float
-) -> None:
+def test_a_bent_stem_is_shorter_by_what_the_beam_loses(length, radius, lean):
     one, beam = even(length, radius, lean)
     force = 0.02
     u = force * np.linalg.inv(one.stiffness[0])[:, -1]
@@ -157,9 +149,7 @@ def test_the_fruit_itself_does_not_bend() -> None:
 
 @settings(max_examples=60, deadline=None)
 @given(LENGTHS, RADII, LEANS, AZIMUTHS)
-def test_two_directions_across_and_one_along(
-    length: float, radius: float, lean: float, azimuth: float
-) -> None:
+def test_two_directions_across_and_one_along(length, radius, lean, azimuth):
     one, _ = hanging(length, radius, lean, azimuth)
     np.testing.assert_allclose(one.axes[0] @ one.axes[0].T, np.eye(3), atol=1e-12)
     assert one.length[0] == pytest.approx(length)

@@ -40,9 +40,7 @@ SCALE = st.floats(0.0, 0.06)
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(SCALE, SCALE, SCALE), min_size=2, max_size=5), st.floats(0.0, 0.02))
-def test_parted_fruits_do_not_overlap_and_a_pair_keeps_its_middle(
-    places: list[tuple[float, float, float]], apart: float
-) -> None:
+def test_parted_fruits_do_not_overlap_and_a_pair_keeps_its_middle(places, apart):
     fruit = np.array(places)[None] + 1e-3 * np.arange(len(places))[:, None]
     root = fruit + [0.0, 0.0, 0.2]
     count, before = len(places), fruit.copy()

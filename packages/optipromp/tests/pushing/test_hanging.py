@@ -24,7 +24,6 @@ from tests.pushing.hanging import (
 
 from optipromp.core.geometry import Box
 from optipromp.core.planning.task import resolve
-from optipromp.core.pushing.model import Prediction
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems.hanging import HANGING, TOGETHER, Hanging, applies
@@ -51,14 +50,6 @@ def test_a_fruit_that_hangs_low_meets_the_flange() -> None:
     assert 0.01 < shift[1] < 0.04
 
 
-def test_what_is_not_touched_is_not_harmed() -> None:
-    a = model(BESIDE)
-    assert harm(a, STRAIGHT, a.states) == 0.0
-    prediction = a.predict(*judged(STRAIGHT))
-    assert not prediction.harmful
-    assert (prediction.object, prediction.cause) == ("", "nothing is harmed")
-
-
 def test_a_fruit_on_the_way_is_swallowed_and_named() -> None:
     a = model(UNDER, fruit("n2", (0.07, 0.0, -0.05), LEANING))
     assert harm(a, STRAIGHT) == PUSH.harm.hopeless
@@ -75,7 +66,6 @@ def test_one_state_in_longer_steps_tells_good_candidates_from_bad_ones() -> None
         for preset in ("cluster", "side-clusters", "mixed"):
             task = resolve(generate(preset, seed))  # type: ignore[arg-type]
             a, rng = task.push_model(task.robot.home), np.random.default_rng(seed)
-            assert isinstance(a, Hanging)
             mean, spread = a.candidates.spread(0)
             sampled = rng.normal(mean, spread, (30, len(mean)))
             paths = [a.candidates.path(x) for x in np.vstack([a.candidates.first(), sampled])]
@@ -309,14 +299,6 @@ def test_every_swallowed_fruit_is_named_and_not_the_target() -> None:
     found = bench.predict(*judged(STRAIGHT))
     assert found.harmful
     assert str(found).startswith("harm is predicted: n1 and n2 are swallowed (harm ")
-
-
-def test_what_is_pushed_is_told_with_the_way_of_the_tool() -> None:
-    forces = {"n1": 2.14, "n2": 0.5}
-    found = Prediction(0.1, 1.0, "", "nothing is harmed", forces)
-    told = found.pushes({"n1": (0.0621, -0.0002), "n2": None})
-    assert told == "pushed, and passed at (x_g, y_g): n1 2.1 N (+62, +0) mm, n2 0.5 N"
-    assert Prediction(0.1, 1.0, "", "nothing is harmed").pushes({"n1": (0.0, 0.0)}) == ""
 
 
 @pytest.mark.parametrize("turn", [0.0, 2.0, 4.0])

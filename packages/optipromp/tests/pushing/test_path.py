@@ -81,14 +81,6 @@ def test_a_corner_is_cut_by_what_its_angle_asks_for(degrees: float) -> None:
     assert steps.min() >= np.cos(turn / 2.0) * steps.max() * (1.0 - 1e-6)
 
 
-def test_a_straight_path_is_evenly_spaced() -> None:
-    path = through(np.array([[0.0, 0.0, 0.0], [0.03, 0.04, 0.0], [0.06, 0.08, 0.0]]), 0.1)
-    assert len(path.points) == 101
-    np.testing.assert_allclose(np.diff(path.points, axis=0), [[6e-4, 8e-4, 0.0]] * 100, atol=1e-12)
-    assert path.length == pytest.approx(0.1)
-    np.testing.assert_allclose(path.at(np.array([0.0, 0.25, 1.0]))[:, 0], [0.0, 0.015, 0.06])
-
-
 def test_corners_that_are_one_make_no_trouble() -> None:
     twice = np.array([[0.0, 0, 0], [0.05, 0, 0], [0.05, 0, 0], [0.05, 0.05, 0]])
     np.testing.assert_allclose(
@@ -97,12 +89,6 @@ def test_corners_that_are_one_make_no_trouble() -> None:
     still = through(np.zeros((3, 3)), 0.1)
     np.testing.assert_array_equal(still.points, np.zeros((2, 3)))
     assert still.length == 0.0
-
-
-def test_a_path_cannot_be_written_to() -> None:
-    path = through(np.eye(3), 0.1)
-    with pytest.raises(ValueError, match="read-only"):
-        path.points[0] = 1.0
 
 
 @settings(max_examples=100, deadline=None)

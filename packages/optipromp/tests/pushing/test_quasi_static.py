@@ -67,15 +67,6 @@ def test_a_disc_met_off_centre_goes_aside():
     assert 0.005 < held.state[0, 1] < result.state[0, 1]
 
 
-def test_friction_at_the_contact_drags_along():
-    path = line((-0.021, 0.0), (-0.0199, 0.0), 0.0005)
-    along = np.vstack([path, line((-0.0199, 0.0), (-0.0199, 0.04), 0.001)])
-    tool = PUSHER * [1.0, 3.0]
-    moved = [pushed(along, [SQUARE], [(0.0, 0.0)], slip=s, tool=tool).state[0, 1] for s in (0, 1)]
-    assert moved[0] == pytest.approx(0.0, abs=1e-6)
-    assert moved[1] >= moved[0]
-
-
 def test_a_row_moves_together_and_its_friction_adds_up():
     row = [(0.0, 0.0), (0.04, 0.0), (0.08, 0.0)]
     result = pushed(line((-0.1, 0.0), (0.02, 0.0)), [0.02] * 3, row, friction=[1.0, 2.0, 3.0])

@@ -2,7 +2,6 @@
 
 import itertools
 import time
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -160,12 +159,6 @@ def test_a_first_candidate_that_is_good_comes_before_any_is_drawn() -> None:
     assert model.asked == [1, model.states]  # on one state, then on all; no other candidate
 
 
-def test_first_candidates_that_are_bad_are_no_hindrance() -> None:
-    model = Bowl(begin=((0.5, 0.5), (-0.5, 0.5)))
-    (path, _), *_ = found(model)[::-1]
-    assert path.harm < model.deepest[1] + 0.05
-
-
 def test_each_round_without_a_good_path_is_easier_to_please() -> None:
     """A path that is not good comes at the end of a run, with the harm that counts as good."""
     model = Bowl(good=0.001)  # less than the variance of the states: never reached
@@ -223,18 +216,6 @@ def test_from_the_deadline_on_the_best_so_far_comes_and_the_search_ends() -> Non
     paths = found(Slow(good=1e-9, runs=100), budget=Budget(began + seconds))
     assert clock() - began < 10.0 * seconds
     assert len(paths) == 1
-
-
-def test_what_is_not_asked_for_is_not_searched() -> None:
-    """Paths come one at a time: who takes the first pays for no more."""
-    model = Bowl(good=0.5, runs=5)
-    paths: Iterator[tuple[ToolPath, float]] = search(
-        model, partial(turning, UP, None), np.random.default_rng(0)
-    )
-    next(paths)
-    once = len(model.asked)
-    list(paths)
-    assert once < 0.5 * len(model.asked)
 
 
 def test_a_detour_counts_as_harm() -> None:

@@ -9,8 +9,7 @@ import pytest
 
 from optipromp.core.budget import Budget, clock
 from optipromp.core.geometry.shapes import Box, Cylinder
-from optipromp.core.pushing.model import Round
-from optipromp.core.pushing.packs.standing import STANDING, PathsBetween, Standing, applies, plane
+from optipromp.core.pushing.packs.standing import STANDING, Standing, applies, plane
 from optipromp.core.pushing.path import ToolPath, through, turning
 from optipromp.core.pushing.searching import search
 from optipromp.core.robots.tools import Cup, FrankaHand
@@ -182,15 +181,6 @@ def test_a_pack_on_the_line_goes_aside_and_the_target_stays() -> None:
     np.testing.assert_allclose(best.points[off, 2], low, atol=1e-9)
 
 
-@pytest.mark.parametrize(("seed", "most"), [(1, 1.6), (3, 3.3)])
-def test_generated_shelves(seed: int, most: float) -> None:
-    scene = generate("shelf", seed)
-    assert applies(scene, HAND)
-    model = Standing(scene, HAND)
-    path, _ = next(search(model, partial(turning, scene.frame[2], None), np.random.default_rng(0)))
-    assert path.harm < most
-
-
 def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[int] = []
     original = Standing.harm
@@ -212,13 +202,6 @@ def test_late_there_is_a_path_and_little_is_tried_for_it(monkeypatch: pytest.Mon
     list(search(model, partial(turning, up, None), np.random.default_rng(0)))
     assert late <= 2  # one candidate, on one state and then on all
     assert len(tried) > 1000
-
-
-def test_the_schedule_is_of_rounds_on_few_states_and_then_on_more() -> None:
-    rounds = PathsBetween.schedule.rounds
-    assert rounds[0] == Round(150, 1)
-    assert [step.states for step in rounds] == sorted(step.states for step in rounds)
-    assert PathsBetween.schedule.states == Standing.states
 
 
 # --- where it applies --------------------------------------------------------------------------
@@ -278,8 +261,3 @@ def test_the_plane_is_what_stands_there() -> None:
     weight = 600.0 * 9.81 * 0.04 * 0.06 * 0.14
     assert 1.0 / board.bench.yields[1] == pytest.approx(0.4 * weight)
     assert board.spread.tolist() == [STANDING.unsure] * 2
-
-
-def test_the_outline_is_of_palm_and_fingers() -> None:
-    hand = plane(shelf(pack((-0.1, 0.0))), HAND).bench.hand
-    assert hand.size.tolist() == [8, 5, 4, 5, 4]  # palm, and base and pad of either finger

@@ -26,7 +26,6 @@ def law(aside: float, speed: float, friction: float) -> float:
 
 def simulated(aside: float, speed: float, friction: float) -> float:
     """The largest pull on the fruit's stem as the cup comes down at a speed [m/s] [N]."""
-    pytest.importorskip("mujoco")
     from optipromp_sim.simulation import SimulationParameters
     from optipromp_sim.simulation.simulation import Simulation
 
@@ -43,7 +42,6 @@ def simulated(aside: float, speed: float, friction: float) -> float:
         "tool": {"kind": "cup", "radius": CUP, "height": 0.05, "length": 0.1},
     })  # fmt: skip
     robot = resolve(scene).robot
-    assert robot.tool is not None
     floor = robot.tool.front - robot.tool.reach  # over the tool point
     begin = place + np.array([aside, 0.0, ABOVE - floor])
     points = begin - np.linspace(0.0, DOWN, 41)[:, None] * np.array([0.0, 0.0, 1.0])
@@ -66,9 +64,7 @@ def simulated(aside: float, speed: float, friction: float) -> float:
 
 @pytest.mark.parametrize("friction", [0.0, 0.2, 0.35])
 @pytest.mark.parametrize("speed", [0.03, 0.1, 0.15])
-def test_the_law_of_the_wedge_tells_the_pull_that_is_simulated(
-    speed: float, friction: float
-) -> None:
+def test_the_law_of_the_wedge_tells_the_pull_that_is_simulated(speed, friction):
     """Nothing is fitted: the stiffness is that of the push model's contacts."""
     assert law(0.037, speed, friction) == pytest.approx(simulated(0.037, speed, friction), rel=0.3)
 

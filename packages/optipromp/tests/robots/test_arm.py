@@ -23,7 +23,6 @@ from tests.robots.links import BALL, Writer, joint
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.library import Choice, load_arm, load_robot
-from optipromp.readers.chain import words_of
 
 CASES = {  # joints of the file, tip, base, number of joints of the arm, links of the tool
     "plain": (ARM, "alink6", "base", 6, ()),
@@ -64,118 +63,6 @@ CASES = {  # joints of the file, tip, base, number of joints of the arm, links o
         "alink6", "body", 6, (),
     ),
 }  # fmt: skip
-
-
-def tree_of(*rows: str) -> list[str]:
-    """Joints from rows "parent > joint > child", or "parent - child" for a fixed one."""
-    out = []
-    for row in rows:
-        if ">" in row:
-            parent, name, child = row.split(" > ")
-            out.append(joint(name, parent, child, **SHORT))
-        else:
-            out.append(fixed(*row.split(" - ")))
-    return out
-
-
-def line(base: str, *steps: str) -> list[str]:
-    """Rows of a chain; each step is "joint > child"."""
-    rows = []
-    for step in steps:
-        rows.append(f"{base} > {step}")
-        base = step.split(" > ")[1]
-    return rows
-
-
-KNOWN = {  # the names and branches of real robots, from memory; tip, base, first joint, last joint
-    "Fetch": (
-        [
-            "base_link > r_wheel_joint > r_wheel_link", "base_link > l_wheel_joint > l_wheel_link",
-            "base_link > torso_lift_joint > torso_lift_link", "base_link - laser_link",
-            "torso_lift_link > head_pan_joint > head_pan_link",
-            "head_pan_link > head_tilt_joint > head_tilt_link", "head_tilt_link - head_camera_link",
-            "torso_lift_link > bellows_joint > bellows_link2",
-            *line(
-                "torso_lift_link", "shoulder_pan_joint > shoulder_pan_link",
-                "shoulder_lift_joint > shoulder_lift_link", "upperarm_roll_joint > upperarm_link",
-                "elbow_flex_joint > elbow_flex_link", "forearm_roll_joint > forearm_roll_link",
-                "wrist_flex_joint > wrist_flex_link", "wrist_roll_joint > wrist_roll_link",
-            ),
-            "wrist_roll_link - gripper_link",
-            "gripper_link > r_gripper_finger_joint > r_gripper_finger_link",
-            "gripper_link > l_gripper_finger_joint > l_gripper_finger_link",
-        ],
-        "wrist_roll_link", "torso_lift_link", "shoulder_pan_joint", "wrist_roll_joint",
-    ),
-    "Gen3": (
-        [
-            *line(
-                "base_link", "joint_1 > shoulder_link", "joint_2 > half_arm_1_link",
-                "joint_3 > half_arm_2_link", "joint_4 > forearm_link",
-                "joint_5 > spherical_wrist_1_link", "joint_6 > spherical_wrist_2_link",
-                "joint_7 > bracelet_link",
-            ),
-            "bracelet_link - end_effector_link", "bracelet_link - camera_link",
-            "camera_link - camera_depth_frame", "camera_depth_frame - camera_depth_optical_frame",
-            "end_effector_link - robotiq_85_base_link",
-            "robotiq_85_base_link > finger_joint > left_outer_knuckle",
-            "robotiq_85_base_link > right_inner_knuckle_joint > right_inner_knuckle",
-        ],
-        "end_effector_link", "base_link", "joint_1", "joint_7",
-    ),
-    "Sawyer": (
-        [
-            "base - pedestal",
-            *line("base", *(f"right_j{k} > right_l{k}" for k in range(7))),
-            "right_l0 > head_pan > head", "right_l6 - right_hand", "right_l5 - right_hand_camera",
-        ],
-        "right_l6", "base", "right_j0", "right_j6",
-    ),
-    "ViperX": (
-        [
-            *line(
-                "base_link", "waist > shoulder_link", "shoulder > upper_arm_link",
-                "elbow > forearm_link", "wrist_angle > wrist_link", "wrist_rotate > gripper_link",
-            ),
-            "gripper_link - ee_arm_link", "ee_arm_link > gripper > gripper_prop_link",
-            "ee_arm_link - gripper_bar_link", "gripper_bar_link - fingers_link",
-            "fingers_link > left_finger > left_finger_link",
-            "fingers_link > right_finger > right_finger_link", "fingers_link - ee_gripper_link",
-        ],
-        "ee_gripper_link", "base_link", "waist", "wrist_rotate",
-    ),
-    "iiwa": (
-        [
-            "world - link_0",
-            *line("link_0", *(f"joint_a{k} > link_{k}" for k in range(1, 8))), "link_7 - tool0",
-        ],
-        "tool0", "world", "joint_a1", "joint_a7",
-    ),
-    "Stretch": (
-        [
-            "base_link > joint_right_wheel > link_right_wheel",
-            "base_link > joint_left_wheel > link_left_wheel", "base_link - link_mast",
-            "link_mast > joint_head_pan > link_head_pan",
-            *line(
-                "link_mast", "joint_lift > link_lift", "joint_arm_l3 > link_arm_l3",
-                "joint_arm_l2 > link_arm_l2", "joint_arm_l1 > link_arm_l1",
-                "joint_arm_l0 > link_arm_l0", "joint_wrist_yaw > link_wrist_yaw",
-            ),
-            "link_wrist_yaw - link_gripper",
-            "link_gripper > joint_gripper_finger_left > link_gripper_finger_left",
-            "link_gripper > joint_gripper_finger_right > link_gripper_finger_right",
-        ],
-        "link_wrist_yaw", "base_link", "joint_lift", "joint_wrist_yaw",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", KNOWN)
-def test_rule_on_the_names_of_real_robots(write: Writer, name: str) -> None:
-    rows, tip, base, first, last = KNOWN[name]
-    loaded, arm = load_arm(write(robot(*tree_of(*rows))))
-    assert (arm.tip, arm.base) == (tip, base)
-    assert (loaded.joint_names[0], loaded.joint_names[-1]) == (first, last)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -283,9 +170,7 @@ def test_a_wrist_that_turns_a_jaw_is_of_the_arm(write: Writer) -> None:
 
 
 @pytest.mark.parametrize("written", ['velocity="0"', 'effort="0" velocity="0.0"', ""])
-def test_a_velocity_of_zero_is_none(
-    write: Writer, written: str, recwarn: pytest.WarningsRecorder
-) -> None:
+def test_a_velocity_of_zero_is_none(write, written, recwarn):
     """Some programs write it where they know none. It is told, but where a robot file has others,
     and of joints that are held."""
     limit = f'<limit lower="-1" upper="1" {written}/>'
@@ -357,12 +242,6 @@ def test_refused(write: Writer, choice: Choice, said: list[str]) -> None:
 def test_a_built_in_robot_takes_no_choice() -> None:
     with pytest.raises(InvalidRobotError, match="'panda' is built in"):
         load_robot("panda", tip="link7")
-
-
-def test_words_of_names() -> None:
-    assert {"left", "finger", "finger2", "joint"} <= words_of("leftFinger2_joint")
-    assert {"l", "finger"} <= words_of("LFinger21")
-    assert "hand" not in words_of("handle_joint")
 
 
 BOX = '<collision><geometry><box size="0.04 0.04 0.2"/></geometry></collision>'

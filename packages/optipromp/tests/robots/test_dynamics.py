@@ -34,7 +34,6 @@ def test_what_segments_carry(write: Writer) -> None:
     path = write(f'<robot name="r">{links}{joints}</robot>')
     robot = load_robot(path, tip="mount")
     assert robot.joint_names == ("ab", "bc")
-    assert robot.dynamics is not None
     assert robot.dynamics.effort.tolist() == [40.0, np.inf]
     model = pin.buildModelFromUrdf(str(path))
     held = pin.buildReducedModel(model, [model.getJointId("grip")], pin.neutral(model))
@@ -51,7 +50,6 @@ def test_a_mass_without_a_tensor(write: Writer) -> None:
     robot = load_robot(
         write(f'<robot name="r">{links}{joint("ab", "a", "b")}{joint("bc", "b", "c")}</robot>')
     )
-    assert robot.dynamics is not None
     assert robot.dynamics.mass.tolist() == [2.0, 0.0]
     assert not robot.dynamics.inertia.any()
 
@@ -98,9 +96,7 @@ def test_what_gravity_needs(write: Writer) -> None:
     np.testing.assert_allclose(gravity_load(robot, q, up), theirs, atol=1e-9)
 
 
-def test_an_arm_too_weak_for_its_weight_is_told_of(
-    write: Writer, recwarn: pytest.WarningsRecorder
-) -> None:
+def test_an_arm_too_weak_for_its_weight_is_told_of(write, recwarn):
     up = np.array([0.0, 0.0, 1.0])
     strong = load_robot(write(heavy(200.0), "strong.urdf"))
     recwarn.clear()

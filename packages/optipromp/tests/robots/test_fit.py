@@ -62,9 +62,7 @@ def test_pieces_are_small_and_leave_nothing_out() -> None:
 
 
 @given(st.floats(0.0, 1.0), st.floats(1e-6, 0.01), st.floats(0.1, 10.0))
-def test_a_thin_triangle_gives_no_more_pieces_than_its_length(
-    foot: float, height: float, length: float
-) -> None:
+def test_a_thin_triangle_gives_no_more_pieces_than_its_length(foot, height, length):
     triangle = np.array([[[0.0, 0.0, 0.0], [length, 0.0, 0.0], [foot * length, 0.0, height]]])
     pieces = fit.cut(triangle, 0.01)
     assert len(pieces) <= 10.0 * length / 0.01
@@ -195,9 +193,7 @@ def test_a_damaged_cache_is_written_again(armed: Path, tmp_path: Path, damage: s
     np.testing.assert_array_equal(read_resolved(kept).spheres.radius, first.spheres.radius)
 
 
-def test_no_cache_folder_is_no_error(
-    armed: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_cache_folder_is_no_error(armed, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "file"))
     assert len(load_robot(armed).spheres.radius) <= 8

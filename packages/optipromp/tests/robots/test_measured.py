@@ -38,9 +38,7 @@ def arm(**named: object) -> Measured:
     st.sampled_from([-np.pi, 0.0, -1.0]),
     st.floats(-50.0, 50.0),
 )
-def test_what_is_wound_up_and_unwound_is_the_same_but_for_whole_turns(
-    steps: list[float], low: float, begin: float
-) -> None:
+def test_what_is_wound_up_and_unwound_is_the_same_but_for_whole_turns(steps, low, begin):
     q = np.zeros((len(steps) + 1, 4))
     q[:, 0] = begin + np.append(0.0, np.cumsum(steps))
     told = reported(q, low)
@@ -52,9 +50,7 @@ def test_what_is_wound_up_and_unwound_is_the_same_but_for_whole_turns(
 
 
 @given(st.lists(st.floats(-6.0, 6.0), min_size=8, max_size=8))
-def test_a_turn_is_taken_out_only_of_joints_that_may_and_within_their_limits(
-    values: list[float],
-) -> None:
+def test_a_turn_is_taken_out_only_of_joints_that_may_and_within_their_limits(values):
     q, other = np.array(values[:4]), np.array(values[4:])
     away, on = TURNS.apart(q, other), TURNS.onto(q, other)
     assert np.array_equal(away, on - other)
@@ -89,9 +85,7 @@ def test_robots_say_which_of_their_joints_may_turn() -> None:
     st.sampled_from(["", "fr3_"]),
     st.sampled_from([-np.pi, 0.0]),
 )
-def test_an_arm_of_several_drivers_is_where_that_of_one_is(
-    order: list[int], count: int, before: str, low: float
-) -> None:
+def test_an_arm_of_several_drivers_is_where_that_of_one_is(order, count, before, low):
     """In any order of joints and drivers, and however the encoders count."""
     whole, parts = arm(), arm()
     groups = [order[k::count] for k in range(count)]
@@ -106,7 +100,6 @@ def test_an_arm_of_several_drivers_is_where_that_of_one_is(
         np.testing.assert_allclose(TURNS.apart(parts.at(time), true), 0.0, atol=1e-9)
         np.testing.assert_allclose(whole.at(time), true, atol=1e-9)
     found = parts.newest
-    assert found is not None
     np.testing.assert_allclose(TURNS.apart(found[1].q, moved(found[0])[0]), 0.0, atol=1e-9)
 
 
@@ -175,7 +168,6 @@ def test_with_a_prefix_only_its_joints_are_read_and_two_arms_want_one() -> None:
         one.heard(0.1, left, np.zeros(4))
     with pytest.raises(InvalidRequestError, match=r"joint right_shoulder, .* is missing"):
         one.heard(0.1, JOINTS, np.zeros(4))
-    assert one.newest is not None
     assert one.newest[0] == 0.0
     np.testing.assert_array_equal(one.newest[1].q, moved(0.0)[0])
     both.heard(0.0, left, np.zeros(4))
@@ -201,7 +193,6 @@ def test_wrong_values_are_refused_by_name() -> None:
             one.heard(0.0, names, q, v)
     assert one.newest is None
     one.heard(0.0, JOINTS, np.zeros(4), [0.0, 0.3, 0.0, 0.005])
-    assert one.newest is not None
     assert one.newest[1].velocity.tolist() == [0.0, 0.3, 0.0, 0.005]
 
 
@@ -211,7 +202,6 @@ def test_the_newest_of_live_states_go_on_past_the_end_of_an_encoder(low: float) 
     one, newest, between = arm(kept=1.0), [], []
     for time in np.arange(0.0, 6.0, 0.02):
         one.heard(time, JOINTS, reported(moved(time)[0], low))
-        assert one.newest is not None
         newest.append(one.newest[1].q)
         between.append(TURNS.apart(one.at(time - 0.01 * (time > 0.0)), moved(time - 0.01)[0]))
     steps = np.diff(newest, axis=0) - 0.02 * RATES

@@ -10,7 +10,7 @@ import pytest
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import load_arm
-from optipromp.readers import reading
+from optipromp.readers import mjcf, packages, reading
 from optipromp.readers.mjcf import mjcf_files, read_mjcf
 
 mujoco = pytest.importorskip("mujoco")
@@ -80,7 +80,6 @@ def test_the_arm_and_its_limits(path: Path) -> None:
     assert (robot.lower[3], robot.upper[3]) == (-0.05, 0.2)
     assert "cube" not in robot.link_names
     assert robot.held_joints == ("left_finger_joint", "right_finger_joint")
-    assert robot.dynamics is not None
     assert robot.dynamics.effort[:3].tolist() == [87.0, 100.0, 28.0]
     assert np.isinf(robot.dynamics.effort[3:]).all()  # a position's control is no force
 
@@ -112,7 +111,6 @@ def test_forward_kinematics_and_masses_of_mujoco(path: Path) -> None:
     model = mujoco.MjModel.from_xml_path(str(path))
     data, rng = mujoco.MjData(model), np.random.default_rng(0)
     bodies = ["shoulder", None, "upper", "fore", "wrist"]
-    assert robot.dynamics is not None
     for _ in range(50):
         low, high = np.maximum(robot.lower, -3.0), np.minimum(robot.upper, 3.0)
         q = rng.uniform(low, high)
@@ -194,9 +192,7 @@ def scattered(tmp_path: Path) -> Path:
     return out
 
 
-def test_a_file_read_before_needs_no_mujoco(
-    path: Path, scattered: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_read_before_needs_no_mujoco(path, scattered, monkeypatch):
     for each in (path, scattered):
         first = load_robot(each)
         reading._held.clear()
@@ -209,9 +205,7 @@ def test_a_file_read_before_needs_no_mujoco(
                 load_robot(each.rename(each.with_stem("other")))  # its name may be the robot's
 
 
-def test_a_change_of_any_file_is_read(
-    scattered: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_change_of_any_file_is_read(scattered, tmp_path, monkeypatch):
     """A mesh that changes within a second too, which MuJoCo's own cache does not see."""
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
     trimesh = pytest.importorskip("trimesh")
@@ -278,9 +272,7 @@ def minimal(geom: str = '<geom size=".1"/>', more: str = "", name: str = "a") ->
         (minimal(name="\xff"), "a name in it is no UTF-8"),
     ],
 )  # fmt: skip
-def test_what_would_end_the_process_or_never_end_is_refused(
-    tmp_path: Path, text: str, words: str
-) -> None:
+def test_what_would_end_the_process_or_never_end_is_refused(tmp_path, text, words):
     os.mkfifo(tmp_path / "pipe.stl")
     (tmp_path / "arm.xml").write_bytes(text.encode("latin-1"))
     with pytest.raises(InvalidRobotError) as caught:
@@ -289,12 +281,8 @@ def test_what_would_end_the_process_or_never_end_is_refused(
     assert words in caught.value.message
 
 
-def test_a_process_that_ends_early_or_goes_on_is_told_of(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_process_that_ends_early_or_goes_on_is_told_of(tmp_path, monkeypatch):
     """Limits so low that MuJoCo itself cannot start, or not end."""
-    from optipromp.readers import mjcf, packages
-
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
 
     def run(**limits: float) -> str:

@@ -37,9 +37,7 @@ WHERE = {  # folder of the package, argument, variable
 
 
 @pytest.mark.parametrize("case", WHERE)
-def test_packages(
-    write: Writer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, case: str
-) -> None:
+def test_packages(write, tmp_path, monkeypatch, case):
     folder, given, variable = WHERE[case]
     mesh(tmp_path / folder.replace("robot.pkg", "my_arm") / "meshes")
     path = write(with_mesh("package://my_arm/meshes/part.obj"))

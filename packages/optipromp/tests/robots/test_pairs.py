@@ -64,13 +64,6 @@ def test_whose_srdf_it_is(write: Writer, name: str, robot: str, honoured: bool) 
     assert (("l1", "l3") in kept_apart(load_robot(path))) is not honoured
 
 
-def test_an_srdf_in_the_folder_beside(write: Writer) -> None:
-    path = write(chain(), "snake.urdf")
-    (path.parent / "srdf").mkdir()
-    write(srdf(("l1", "l3")), "srdf/snake.srdf")
-    assert ("l1", "l3") not in kept_apart(load_robot(path))
-
-
 def test_a_malformed_srdf_is_named(write: Writer) -> None:
     path = write(chain(), "snake.urdf")
     write("<robot", "other.srdf")

@@ -3,6 +3,7 @@
 import math
 import os
 import re
+import struct
 import subprocess
 import sys
 import warnings
@@ -27,14 +28,10 @@ def refused(path: Path, *words: str) -> None:
     assert "\n" not in caught.value.message
 
 
-LINKS = '<link name="a"/><link name="b"/>'
-
-
 @pytest.mark.parametrize(
     ("content", "words"),
     [
         (b"", ["empty"]),
-        (b"  \n ", ["empty"]),
         (b"<robot name='r'><link name='a'>", ["robot.urdf:1:", "not well-formed"]),
         (b"\x00\x01\x02\x7fELF", ["robot.urdf:1:", "not well-formed"]),
         (b"<?xml version='1.0' encoding='no-such'?><robot/>", ["encoding"]),
@@ -70,9 +67,7 @@ def test_entity_bomb(write: Writer) -> None:
         '<!DOCTYPE robot SYSTEM "{secret}"><robot name="r"/>',
     ],
 )
-def test_external_entity_is_not_read(
-    write: Writer, tmp_path: Path, doctype: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_external_entity_is_not_read(write, tmp_path, doctype, monkeypatch):
     secret = tmp_path / "secret"
     secret.write_text("<!ENTITY leaked 'secret'>")
     path = write(doctype.format(secret=secret))
@@ -90,8 +85,6 @@ def test_external_entity_is_not_read(
     [
         ({"kind": "hinge"}, ["'ab'", "'hinge'", "revolute, continuous, prismatic, fixed"]),
         ({"origin": '<origin xyz="nan 0 0"/>'}, ["'ab'", "nan", "finite"]),
-        ({"origin": '<origin xyz="0 inf 0"/>'}, ["'ab'", "inf"]),
-        ({"origin": '<origin xyz="0 1e400 0"/>'}, ["1e400", "finite"]),
         ({"origin": '<origin xyz="0,1 0 0"/>'}, ["0,1", "decimal point"]),
         ({"origin": '<origin xyz="1_0 0 0"/>'}, ["1_0"]),
         ({"origin": '<origin xyz="0 0"/>'}, ["2 numbers", "needs 3"]),
@@ -105,7 +98,6 @@ def test_external_entity_is_not_read(
         ({"limit": '<limit lower="-180" upper="180"/>'}, ["180 rad", "degrees"]),
         ({"limit": ""}, ["'ab'", "no limits", "continuous"]),
         ({"kind": "prismatic", "limit": ""}, ["prismatic", "no limits"]),
-        ({"kind": "prismatic", "limit": '<limit effort="1" velocity="1"/>'}, ["no limits"]),
         (
             {"kind": "prismatic", "limit": '<limit lower="0" upper="510"/>'},
             ["510 m", "millimetres"],
@@ -115,7 +107,6 @@ def test_external_entity_is_not_read(
         ({"more": '<mimic joint="ab"/>'}, ["'ab'", "mimics itself"]),
         ({"more": '<mimic joint="zz"/>'}, ["'ab'", "'zz'", "not defined"]),
         ({"more": "<mimic/>"}, ["names no joint"]),
-        ({"more": '<mimic joint="bc" offset="nan"/>'}, ["nan"]),
     ],
 )
 def test_joint(urdf: Writer, changes: dict[str, str], words: list[str]) -> None:
@@ -129,7 +120,6 @@ def test_joint(urdf: Writer, changes: dict[str, str], words: list[str]) -> None:
         ([("ac", "a", "c"), ("bc", "b", "c")], ["'c'", "two parents", "'ac'", "'bc'"]),
         ([("ab", "a", "b"), ("bc", "b", "c"), ("ca", "c", "a")], ["cycle"]),
         ([("bc", "b", "c"), ("cb", "c", "b")], ["cycle", "'b'", "'c'"]),
-        ([("ab", "a", "b"), ("cc", "c", "c")], ["cycle", "'c'"]),
         ([("ab", "a", "b")], ["2 roots", "'a'", "'c'"]),
         ([("ab", "a", "b"), ("bz", "b", "z")], ["'bz'", "child", "'z'", "not defined"]),
         ([("ab", "a", "b"), ("zc", "z", "c")], ["'zc'", "parent", "'z'"]),
@@ -148,9 +138,7 @@ def test_a_joint_far_from_its_parent_is_remarked_on(urdf: Writer) -> None:
 
 
 @pytest.mark.parametrize(("origin", "warned"), [('xyz="0 1.57 0"', 1), ('rpy="0 1.57 0"', 0)])
-def test_a_mesh_that_is_solid_far_from_where_it_is_shown_is_remarked_on(
-    urdf: Writer, origin: str, warned: int
-) -> None:
+def test_a_mesh_that_is_solid_far_from_where_it_is_shown_is_remarked_on(urdf, origin, warned):
     """As in a file that its makers publish: a quarter turn stands in xyz."""
     mesh = '<geometry><mesh filename="nub.stl"/></geometry>'
     shown = f'<visual><origin rpy="0 1.57 0"/>{mesh}</visual>'
@@ -184,9 +172,7 @@ def test_mimic_limits_with_nothing_in_common(urdf: Writer) -> None:
         ('<mesh filename="x.stl" scale="0 1 1"/>', ["scale", "zero"]),
     ],
 )
-def test_shapes_without_size_are_left_out_where_they_only_show(
-    urdf: Writer, shape: str, words: list[str]
-) -> None:
+def test_shapes_without_size_are_left_out_where_they_only_show(urdf, shape, words):
     part = f"<{{0}}><geometry>{shape}</geometry></{{0}}>"
     links = f'<link name="a">{part}</link><link name="b">{BALL}</link><link name="c"/>'
     refused(urdf(links=links.format("collision")), *words)
@@ -210,12 +196,8 @@ def test_duplicate_link(urdf: Writer) -> None:
     [
         ('<sphere radius="1e-160"/>', ["radius is 1e-160", "positive, 1 nm at least"]),
         ('<box size="1 1e-160 1"/>', ["1 1e-160 1", "1 nm at least"]),
-        ('<sphere radius="-0.1"/>', ["radius is -0.1"]),
         ("<sphere/>", ["no radius"]),
         ('<sphere radius="60"/>', ["60 m", "millimetres"]),
-        ('<cylinder radius="0.1" length="-1"/>', ["length is -1"]),
-        ('<box size="1 -1 1"/>', ["'a'", "1 -1 1", "positive"]),
-        ('<box size="1 1"/>', ["2 numbers"]),
         ('<cone radius="1"/>', ["<cone>", "known: box"]),
         ("", ["needs one <geometry>"]),
         ('<sphere radius="1"/><sphere radius="1"/>', ["one shape"]),
@@ -303,8 +285,6 @@ def test_more_than_a_robot_may_have(write: Writer) -> None:
 
 def sphere_stl(path: Path, sides: int) -> None:
     """A sphere of radius 0.1 m of 2 sides² triangles, some of them without area."""
-    import struct
-
     turn, down = np.meshgrid(np.linspace(0, 2 * np.pi, sides + 1), np.linspace(0, np.pi, sides + 1))
     ring = [np.sin(down) * np.cos(turn), np.sin(down) * np.sin(turn), np.cos(down)]
     at = 0.1 * np.stack(ring, axis=-1)
@@ -339,9 +319,7 @@ def test_a_fine_mesh_takes_little_memory(urdf: Writer, tmp_path: Path) -> None:
     assert int(found.stdout) < 600  # MB
 
 
-def test_a_mesh_too_fine_too_large_or_folded_is_refused(
-    urdf: Writer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_mesh_too_fine_too_large_or_folded_is_refused(urdf, tmp_path, monkeypatch):
     pytest.importorskip("trimesh")
     path = urdf(joint("ab", "a", "b"), MESH.format("collision", "part.stl"))
     sphere_stl(tmp_path / "part.stl", 710)
@@ -359,9 +337,7 @@ def test_a_mesh_too_fine_too_large_or_folded_is_refused(
 
 @pytest.mark.parametrize("word", ["nan", "inf", "1e400"])
 @pytest.mark.parametrize("kind", ["obj", "stl", "ply"])
-def test_a_vertex_that_is_not_finite_is_refused(
-    urdf: Writer, tmp_path: Path, word: str, kind: str
-) -> None:
+def test_a_vertex_that_is_not_finite_is_refused(urdf, tmp_path, word, kind):
     """The library that reads meshes leaves its triangles out, which would be free space."""
     trimesh = pytest.importorskip("trimesh")
     box = trimesh.creation.box((0.1, 0.2, 0.3))
@@ -440,9 +416,7 @@ DAE = """<?xml version="1.0"?>
         ("glb", 99, "face 1 names vertex 99: must be 0 to 3"),
     ],
 )
-def test_an_index_of_a_face_that_names_no_vertex_is_refused(
-    urdf: Writer, tmp_path: Path, kind: str, index: int, words: str
-) -> None:
+def test_an_index_of_a_face_that_names_no_vertex_is_refused(urdf, tmp_path, kind, index, words):
     """A negative index counts from the end for the library that reads meshes."""
     pytest.importorskip("trimesh")
     if kind == "dae":

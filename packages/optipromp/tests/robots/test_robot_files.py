@@ -4,6 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
+import yaml
 from tests.robots.links import Writer, joint
 
 from optipromp.core.errors import InvalidRobotError
@@ -118,8 +119,6 @@ def test_covers_that_always_meet_are_not_pairs(write: Writer) -> None:
 
 
 def entry(**changes: object) -> str:
-    import yaml
-
     content: dict[str, object] = {"format": 1, "name": "mine", "urdf": "robot.urdf"}
     return yaml.safe_dump({**content, **changes})
 
@@ -174,7 +173,6 @@ def test_declared_scale(write: Writer, urdf: Writer) -> None:
     ("text", "words"),
     [
         ("", ["is empty: must hold a robot file"]),
-        ("- 1", ["mapping"]),
         ("a: [", ["robot.yaml: line 1: ", "did not find expected node content"]),
         ("format: 1\nformat: 1", ["line 2: key 'format' stands twice"]),
         (entry(colour="red"), ["unknown key 'colour'", "acceleration"]),
@@ -185,15 +183,10 @@ def test_declared_scale(write: Writer, urdf: Writer) -> None:
         (entry(urdf="none.urdf"), ["none.urdf", "cannot be read"]),
         (entry(acceleration=[1]), ["acceleration has 1", "2 joints", "ab, bc"]),
         (entry(acceleration=[1, 0]), ["acceleration.1", "greater than 0", "0"]),
-        (entry(jerk=[1, float("nan")]), ["jerk.1", "nan"]),
-        (entry(jerk=[1, float("inf")]), ["jerk.1", "inf"]),
         (entry(home=[0, 2]), ["home of joint 'bc'", "2", "[-1, 1]"]),
-        (entry(spheres={"z": []}), ["unknown link 'z'", "a, b, c"]),
         (entry(spheres={"a": [[0, 0, 0, 0]]}), ["spheres.a.0.3", "greater than 0"]),
-        (entry(spheres={"a": [[0, 0, 0]]}), ["spheres.a.0"]),
         (entry(spheres={"a": [[0, 0, 400, 0.1]]}), ["spheres.a.0.2", "400"]),
         (entry(allow_self=[["a", "z"]]), ["unknown link 'z'"]),
-        (entry(scale=0), ["scale", "greater than 0"]),
     ],
 )
 def test_refused(write: Writer, urdf: Writer, text: str, words: list[str]) -> None:
@@ -204,8 +197,3 @@ def test_refused(write: Writer, urdf: Writer, text: str, words: list[str]) -> No
     for word in words:
         assert word in caught.value.message
     assert "\n" not in caught.value.message
-
-
-def test_not_text(write: Writer) -> None:
-    with pytest.raises(InvalidRobotError, match="byte 0x81 is no text: must be a robot file"):
-        load_robot(write(b"\x81", "robot.yaml"))

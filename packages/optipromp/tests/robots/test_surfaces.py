@@ -57,9 +57,7 @@ def test_parts_hold_the_surface(triangles: np.ndarray, half: list[float]) -> Non
 @pytest.mark.parametrize(
     ("radius", "length", "ends", "most"), [(2.0, 0.3, 2.0, 200e6), (0.03, 10.0, 0.0, 400e6)]
 )
-def test_large_surfaces_take_no_more_memory(
-    radius: float, length: float, ends: float, most: float
-) -> None:
+def test_large_surfaces_take_no_more_memory(radius, length, ends, most):
     """A ball of 2 m radius had nine million pieces, a rod of 10 m took a gigabyte."""
     spheres, surface = cover_cylinder(radius, length, 0.01), of_rod(radius, length, ends)
     tracemalloc.start()

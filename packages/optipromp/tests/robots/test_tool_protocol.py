@@ -289,20 +289,11 @@ def test_a_tool_may_point_aside() -> None:
     ("make", "words"),
     [
         (lambda: FingerGripper(0.0), ["tool finger_gripper: opening is 0.0", "(0, 0.1] metres"]),
-        (lambda: FingerGripper(0.2), ["opening is 0.2", "(0, 0.1]"]),
-        (lambda: FingerGripper(0.05, finger_width=-1), ["finger_width is -1"]),
-        (lambda: FingerGripper(0.05, palm_length=math.nan), ["palm_length is nan"]),
         (lambda: FingerGripper(0.05, depth=0.06), ["depth is 0.06", "[0, 0.05]"]),
         (lambda: FingerGripper(0.05, turn=math.inf), ["turn is inf", "[rad]"]),
-        (lambda: FingerGripper(60), ["opening is 60"]),
         (lambda: Scissor(0.05, blade_thickness=0), ["tool scissor: blade_thickness is 0"]),
-        (lambda: Scissor(0.07), ["opening is 0.07", "(0, 0.06]"]),
         (lambda: MeshTool((), (0, 0, 0.1)), ["meshes is empty"]),
         (lambda: MeshTool((MeshShape(*BAR),), (0, 0)), ["tool_point has 2 entries", "must have 3"]),
-        (
-            lambda: MeshTool((MeshShape(*BAR),), (0, 0, 120)),
-            ["tool_point[2] is 120", "5 [m]"],
-        ),
         (
             lambda: MeshTool((MeshShape(*BAR),), (0, 0, 0.1), tool_axis=(0, 0, 0)),
             ["tool_axis is (0.0, 0.0, 0.0)", "direction"],
@@ -316,12 +307,7 @@ def test_a_tool_may_point_aside() -> None:
             lambda: MeshTool((MeshShape(*BAR),), (0, 0, 0.1), opening=0.02, height=0.02),
             ["opening is 0.02", "piece 0 of 1", "an opening of 0.0000 metres"],
         ),
-        (
-            lambda: MeshTool((MeshShape(*BAR),), (0, 0, 0.1), opening=0.02, height=0.2),
-            ["height is 0.2", "(0, 0.1]"],
-        ),
         (lambda: make_tool("scissor", {"openning": 0.05}), ["tool scissor", "openning"]),
-        (lambda: make_tool("cup", {}), ["tool cup", "radius"]),
     ],
 )
 def test_refused(make: object, words: list[str]) -> None:
@@ -352,14 +338,11 @@ def test_what_lacks_a_member_is_no_tool() -> None:
     ("member", "value", "words"),
     [
         ("rotation", np.diag([1.0, 1.0, -1.0]), "right-handed"),
-        ("rotation", 2.0 * np.eye(3), "unit axes"),
         ("rotation", np.eye(2), "(3, 3) finite numbers"),
         ("point", np.array([0.0, np.nan, 0.1]), "(3,) finite numbers"),
         ("reach", 0.11, "reach is 0.11; by its other numbers it must be 0.1"),
         ("depth", -0.02, "depth is -0.02; by its other numbers it must be 0.02"),
-        ("front", 0.13, "front is 0.13"),
         ("mouth", (0.03, 0.02), "mouth[0] is 0.03; by its other numbers it must be 0.02"),
-        ("mouth", (-0.01, 0.02), "mouth[0] is -0.01"),
     ],
 )
 def test_a_tool_that_contradicts_itself_is_refused(member: str, value: object, words: str) -> None:

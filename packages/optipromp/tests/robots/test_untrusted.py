@@ -21,6 +21,7 @@ from optipromp.core.robots import Choice, load_robot
 from optipromp.core.robots.library import UNTRUSTED, load_arm
 from optipromp.core.scenes import load_scene
 from optipromp.core.scenes.scene import bare_robot
+from optipromp.readers import packages
 from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.trials import setting_of
 
@@ -118,8 +119,6 @@ def test_a_plan_and_a_study_run_no_xacro(far: Path) -> None:
 
 
 def test_an_expression_without_end_is_cut(far: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from optipromp.readers import packages
-
     arm = xacro(far / "mark")
     arm.write_text(arm.read_text().replace('name="ab"', f'name="{"${10**10**10}"}"'))
     monkeypatch.setattr(packages, "LIMITS", replace(packages.LIMITS, time=3.0))
@@ -186,9 +185,7 @@ HOLES: dict[str, Callable[[Path], str]] = {
 
 
 @pytest.mark.parametrize("hole", HOLES)
-def test_a_robot_of_a_scene_reads_nothing_elsewhere(
-    far: Path, hole: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_robot_of_a_scene_reads_nothing_elsewhere(far, hole, monkeypatch):
     pytest.importorskip("mujoco")
     mesh(far)
     for name, text in (("arm.urdf", URDF), ("arm.srdf", '<robot name="r"/>')):
@@ -206,9 +203,7 @@ def test_a_robot_of_a_scene_reads_nothing_elsewhere(
             bare_robot(read)
 
 
-def test_packages_of_the_users_environment_are_allowed(
-    far: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_packages_of_the_users_environment_are_allowed(far, monkeypatch):
     mesh(far / "my_arm")
     read = load_scene(scene(arm_of("package://my_arm/part.obj")))
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(far))

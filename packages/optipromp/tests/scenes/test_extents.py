@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from optipromp.core.geometry import Box, Capsule, Cylinder, Ellipsoid, Shape, Sphere
+from optipromp.core.geometry import Box, Capsule, Cylinder, Ellipsoid, Sphere
 from optipromp.core.scenes import SceneObject
 
 SHAPES = Sphere(0.02), Box((0.1, 0.04, 0.02)), Cylinder(0.03, 0.12), Capsule(0.02, 0.08)
@@ -15,9 +15,7 @@ unit = st.tuples(*[st.floats(-1.0, 1.0)] * 3).filter(lambda v: np.linalg.norm(v)
 
 @pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: type(shape).__name__)
 @given(axis=unit, turn=unit)
-def test_it_is_that_of_the_mesh(
-    shape: Shape, axis: tuple[float, ...], turn: tuple[float, ...]
-) -> None:
+def test_it_is_that_of_the_mesh(shape, axis, turn):
     along, rotation = np.array(axis) / np.linalg.norm(axis), Rotation.from_rotvec(turn).as_matrix()
     item = SceneObject("n", "pushable", shape, np.zeros(3), rotation)
     inside = float(np.abs(shape.mesh(96).vertices @ rotation.T @ along).max())

@@ -55,14 +55,11 @@ def test_what_a_goal_of_the_tool_may_say() -> None:
     ("goal", "words"),
     [
         (AT | {"axis": "fre"}, "goal.axis: is 'fre': must be [x, y, z] or free"),
-        (AT | {"axis": []}, "goal.axis: is []: must be [x, y, z] or free"),
         (AT | {"axis": [0, 1]}, "goal.axis: has 2 entries: must have 3"),
         (AT | {"axis": [0, 0, 1], "orientation": [1, 0, 0, 0]}, "has axis and orientation"),
         (AT | {"orientation": [1, 1, 0, 0]}, "must be a unit quaternion"),
         (AT | {"axis": "free", "tolerance": {"angle": 3}}, "goes with an axis or an orientation"),
-        (AT | {"axis": [0, 0, 1], "tolerance": {"angle": 200}}, "at most 180"),
         (AT | {"axis": "free", "tolerance": {"position": [1, 2]}}, "three half extents"),
-        (AT | {"axis": "free", "tolerance": {"position": -1}}, "must be above 0"),
         (AT | {"axis": "free", "tolerance": {"positon": 1}}, "did you mean 'position'"),
         (
             AT | {"axis": "free", "tolerance": {"position": 1, "orientation": [1, 0, 0, 0]}},
@@ -70,7 +67,6 @@ def test_what_a_goal_of_the_tool_may_say() -> None:
         ),
         ({"joints": [0.0], "tolerance": {}}, "has joints and tolerance"),
         ([], "goal has 0 entries: must have at least 1"),
-        ([AT | {"axis": "free"}, AT], "goal[1]: has position alone"),
     ],
 )
 def test_refusals_say_what_would_be_right(goal: Any, words: str) -> None:
@@ -113,9 +109,7 @@ def test_a_box_turns_with_its_frame(turn: tuple[float, ...]) -> None:
             within=np.array(BOX["position"]),
         ),
     ):  # fmt: skip
-        assert goal.extents is not None
         moved = goal.transformed(pose)
-        assert moved.extents is not None
         corner = goal.position + goal.extents[1] @ off
         np.testing.assert_allclose(
             (pose @ corner - moved.position) @ moved.extents[1], off, atol=1e-12

@@ -81,9 +81,7 @@ def test_a_wrong_value_is_refused_by_name(change: dict[str, object], words: str)
         (("other", "board"), "two objects: one must be a link"),
     ],
 )
-def test_a_name_that_nothing_has_is_refused_with_the_nearest(
-    pair: tuple[str, str], words: str
-) -> None:
+def test_a_name_that_nothing_has_is_refused_with_the_nearest(pair, words):
     scene = scene_from_dict(DOCUMENT)
     other = SceneObject("other", "static", Sphere(0.01), np.array([0.0, 1.0, 0.0]))
     scene = replace(scene, may_touch=(pair,), objects=(*scene.objects, other))

@@ -15,11 +15,13 @@ from typer.testing import CliRunner
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
+from optipromp.core.judging.distances import _stems
 from optipromp.core.pushing.stems.hanging import sampled
 from optipromp.core.scenes import Scene, SceneObject, save_scene, scene_from_dict
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.objects import ROOM, UNSEEN_SPREAD, UNSEEN_TILT, Stem, cleared
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation.world import grown
 
 UP = (0.0, 0.0, 1.0)
 
@@ -45,7 +47,6 @@ def document(**stem: Any) -> dict[str, Any]:
 def test_a_scene_file_says_that_nobody_saw_a_stem() -> None:
     scene = scene_from_dict(document(tilt=12.0, length=0.2))
     (fruit,) = scene.objects
-    assert fruit.stem is not None
     assert fruit.stem.unseen
     assert fruit.stem.tilt == 12.0
     assert fruit.stem.vector == pytest.approx([0.0, 0.0, 0.2])
@@ -72,7 +73,6 @@ def test_an_assumed_stem_clears_other_fruits_where_it_can(places: list[tuple[flo
         return min(gaps, default=math.inf) - 0.015 - line.radius
 
     made = cleared(items, np.array(UP))[0].stem
-    assert made is not None
     assert made.length == pytest.approx(stem.length)
     if room(stem) > ROOM + 1e-9:
         assert (made.points == stem.points).all()
@@ -85,7 +85,6 @@ def test_the_states_of_the_push_model_have_the_spread_that_is_told() -> None:
     states, count = sampled(fruits, 1, 600, UP), len(fruits)
     ways = states.root.reshape(-1, count, 3)[1:, 0]
     first = fruits[0].stem
-    assert first is not None
     aside = ways[:, :2] - ways[:, :2].mean(axis=0)
     wanted = math.radians(UNSEEN_TILT) * first.length
     assert aside.std() == pytest.approx(wanted, rel=0.2)
@@ -97,7 +96,6 @@ def test_the_judge_keeps_the_arm_off_all_likely_stems() -> None:
     ways = [one.vector / one.length for one in stem.likely()]
     assert len(ways) == 5
     assert [math.degrees(math.acos(way[2])) for way in ways] == pytest.approx([0] + [30] * 4)
-    from optipromp.core.judging.distances import _stems
 
     fruit = SceneObject("a", "target", Sphere(0.015), stem.points[0], stem=stem)
     scene = replace(generate("limp", 3), objects=(fruit,))
@@ -106,7 +104,6 @@ def test_the_judge_keeps_the_arm_off_all_likely_stems() -> None:
 
 
 def test_a_plan_says_what_it_assumed_and_is_simulated(tmp_path: Path) -> None:
-    pytest.importorskip("mujoco")
     true = generate("cluster", 61_503)
     seen = unseen(true, true.pushables[0].id)
     save_scene(true, tmp_path / "true.yaml")
@@ -128,16 +125,11 @@ def test_a_plan_says_what_it_assumed_and_is_simulated(tmp_path: Path) -> None:
 
 
 def test_the_simulation_draws_an_unseen_stem_by_its_seed() -> None:
-    pytest.importorskip("mujoco")
-    from optipromp_sim.simulation.world import grown
-
     scene = unseen(generate("limp", 3))
     one, again, other = grown(scene, 1), grown(scene, 1), grown(scene, 2)
     for a, b, c in zip(one.objects, again.objects, other.objects, strict=True):
         if a.stem is None:
             continue
-        assert b.stem is not None
-        assert c.stem is not None
         assert (a.stem.points == b.stem.points).all()
         assert (a.stem.points != c.stem.points).any()
     assert not one.assumed

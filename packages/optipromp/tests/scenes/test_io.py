@@ -24,8 +24,6 @@ from optipromp.core.geometry import (
 )
 from optipromp.core.scenes import (
     Approach,
-    JointGoal,
-    PoseGoal,
     Scene,
     SceneObject,
     Stem,
@@ -185,18 +183,6 @@ def test_input_is_left_alone():
     before = copy.deepcopy(document)
     scene_from_dict(document)
     assert document == before
-
-
-def test_goals():
-    document = MINIMAL | {"objects": []}
-    joints = scene_from_dict(document | {"goal": {"joints": [1, 2, 3]}})
-    assert isinstance(joints.goal, JointGoal)
-    assert joints.target is None
-    pose = scene_from_dict(document | {"goal": {"position": [0.4, 0, 0.8], "axis": [0, 0, 2]}})
-    assert isinstance(pose.goal, PoseGoal)
-    np.testing.assert_array_equal(pose.goal.axis, [0, 0, 1])
-    for scene in (joints, pose):
-        assert scene_to_dict(scene_from_dict(scene_to_dict(scene))) == scene_to_dict(scene)
 
 
 def test_scale_reaches_every_length():

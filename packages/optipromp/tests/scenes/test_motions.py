@@ -30,18 +30,14 @@ def test_a_motion_of_each_role_is_read_and_written(tmp_path: Path, role: str, ho
     made = scene(role=role, stem=STEM, **how)
     save_scene(made, tmp_path / "s.yaml")
     (item,), (again,) = made.objects, optipromp.load_scene(tmp_path / "s.yaml").objects
-    assert item.motion is not None
-    assert again.motion is not None
     np.testing.assert_array_equal(again.motion.times, item.motion.times)
     np.testing.assert_array_equal(again.motion.positions, item.motion.positions)
     np.testing.assert_allclose(item.motion.at(np.array([1.0]))[0][1], 0.12 if "velocity" in how
                                else 0.115)  # fmt: skip
     there = item.standing(1.0)
     assert there.motion is None
-    assert there.stem is not None
     np.testing.assert_allclose(there.stem.root - there.position, [0.0, 0.0, 0.2], atol=1e-12)
     aside = item.at(item.position + [0.1, 0.0, 0.0])
-    assert aside.motion is not None
     np.testing.assert_allclose(aside.motion.positions - item.motion.positions, [[0.1, 0, 0]] * 2)
 
 
@@ -52,14 +48,10 @@ def test_a_motion_of_each_role_is_read_and_written(tmp_path: Path, role: str, ho
         ({"motion": TIMES}, "no stem of its own"),
         ({"stem": STEM, "velocity": [0, 0.2, 0]}, r"0.2 m/s: must be at most 0.1, or role avoid"),
         ({"role": "avoid", "velocity": [0, 20, 0]}, r"motion reaches 20 m/s.*scale: 0.001"),
-        ({"role": "avoid", "velocity": [0, float("nan"), 0]}, "velocity"),
         ({"stem": STEM, "motion": TIMES | {"times": [2, 0]}}, "must increase"),
-        ({"stem": STEM, "motion": TIMES | {"times": [0, float("nan")]}}, "times"),
         ({"stem": STEM, "motion": TIMES | {"positions": [[0, 0, 0], [0, 0, 1e-3]]}}, "at time 0"),
         ({"role": "static", "motion": TIMES | {"times": [0, 1, 2]}}, "positions"),
         ({"role": "static", "motion": TIMES, "velocity": [0, 0, 1]}, "one"),
-        ({"role": "static", "motion": {"time": [0, 1]}}, "time"),
-        ({"role": "static", "velocity": [0, 0]}, "velocity"),
     ],
 )
 def test_a_motion_that_cannot_be_is_refused(changes: Any, words: str) -> None:

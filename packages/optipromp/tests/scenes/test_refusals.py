@@ -27,20 +27,16 @@ NAN, INF = math.nan, math.inf
     [
         # numbers
         (with_fruit(position=[0, NAN, 0]), "objects[0].position[1] is nan: must be finite"),
-        (with_fruit(position=[0, 0, -INF]), "objects[0].position[2] is -inf"),
         (with_fruit(position=[0, 0]), "objects[0].position has 2 entries: must have at least 3"),
         (with_fruit(position=[0, "0.5", 0]), "objects[0].position[1] is '0.5': must be a number"),
         (with_fruit(position=[0, True, 0]), "objects[0].position[1] is True: must be a number"),
         (with_fruit(position=0.5), "objects[0].position is 0.5: must be a list"),
         (MINIMAL | {"start": [0, INF]}, "start[1] is inf"),
         (MINIMAL | {"objects": [], "goal": {"joints": [NAN]}}, "goal.joints[0] is nan"),
-        (MINIMAL | {"objects": [], "goal": {"position": [0, 0, NAN]}}, "goal.position[2] is nan"),
         # shapes
         (with_fruit(shape={"sphere": {"radius": 0}}), "shape.sphere.radius is 0: must be above 0"),
-        (with_fruit(shape={"sphere": {"radius": -1.0}}), "shape.sphere.radius is -1.0"),
         (with_fruit(shape={"box": {"size": [1, -1, 1]}}), "shape.box.size[1] is -1"),
         (with_fruit(shape={"cube": {}}), "unknown key 'cube': valid are sphere, box"),
-        (with_fruit(shape={"spere": {}}), "did you mean 'sphere'?"),
         (with_fruit(shape="sphere"), "objects[0].shape: is 'sphere': must be a mapping"),
         (with_fruit(shape={}), "must have exactly one of sphere, box"),
         (
@@ -53,35 +49,28 @@ NAN, INF = math.nan, math.inf
         # orientation
         (with_fruit(orientation=[1.01, 0, 0, 0]), "has length 1.01: must be a unit quaternion"),
         (with_fruit(orientation=[0, 0, 0, 0]), "has length 0"),
-        (with_fruit(orientation=[1, 0, 0]), "orientation has 3 entries"),
         # stems
         (with_fruit(stem={}), "objects[0].stem: must have exactly one of root, direction"),
         (with_fruit(stem={"root": [0.45, 0.0, 0.89]}), "objects[0]: stem piece 0 has no length"),
         (with_fruit(stem={"points": [[0.45, 0, 1.2], [0.45, 0, 0.9]]}), "must start at its fruit"),
-        (with_fruit(stem={"root": [0.45, NAN, 1]}), "stem.root[1] is nan"),
         # uncertainty
         (with_fruit(sigma=-0.1), "sigma is -0.1: must be at least 0"),
         (with_fruit(sigma=0.1, covariance=np.eye(3).tolist()), "has covariance and sigma"),
         (with_fruit(covariance=[[1, 0, 0], [0, -1, 0], [0, 0, 1]]), "positive semi-definite"),
         (with_fruit(covariance=[[1, 2, 0], [0, 1, 0], [0, 0, 1]]), "not symmetric"),
-        (with_fruit(physical={"mass": NAN}), "physical.mass is nan"),
         (with_fruit(physical={"weight": 1.0}), "'weight' is unknown: valid are mass"),
         (with_fruit(physical={"stem_stiffness": 0.0}), "stem_stiffness is 0"),
         (with_fruit(physical={"stem_stiffness_spread": 1.0}), "must be above 1"),
         # roles, ids, targets
         (with_object(role="pushabel"), "objects[1].role is 'pushabel': valid are target, pushable"),
-        (with_object(role="pushabel"), "did you mean 'pushable'?"),
         (with_object(id="ripe"), "objects[1].id 'ripe' is taken by objects[0]"),
         (with_object(id=3), "objects[1].id is 3: must be text: put it in quotes"),
-        (with_object(id=""), "objects[1].id is '': must have 1 to"),
         (with_object(role="target"), "two targets, 'ripe' and 'n1'"),
-        (with_fruit(role="avoid"), "no target"),
         (MINIMAL | {"objects": []}, "no target"),
         (MINIMAL | {"goal": {"joints": [0.0]}}, "target 'ripe' and a goal"),
         (with_object() | {"target": "n1"}, "'n1' is named as target and has role 'pushable'"),
         (MINIMAL | {"target": "rip"}, "target 'rip' is no object: valid are ripe; did you mean"),
         # the rest
-        (with_object(rol="static"), "objects[1]: unknown key 'rol': valid are id, role"),
         (MINIMAL | {"obstacles": []}, "unknown key 'obstacles'"),
         (MINIMAL | {1: 2}, "unknown key 1"),
         (MINIMAL | {"format": 2}, "format is 2"),
@@ -90,10 +79,6 @@ NAN, INF = math.nan, math.inf
         (MINIMAL | {"objects": None}, "objects is None: must be a list"),
         (MINIMAL | {"objects": [3]}, "objects[0]: is 3: must be a mapping"),
         (MINIMAL | {"scale": 0}, "scale is 0: must be above 0"),
-        (MINIMAL | {"tool": {"kind": "cap"}}, "tool.kind is 'cap': valid are cup, franka_hand"),
-        (MINIMAL | {"tool": {"kind": "cup"}}, "radius is missing"),
-        (MINIMAL | {"tool": {"kind": "cup", "radius": -1}}, "tool cup: radius is -1"),
-        (MINIMAL | {"tool": {"kind": "franka_hand", "depth": 1}}, "depth is no parameter"),
         (MINIMAL | {"approach": {"direction": [0, 0, 0]}}, "must have a direction"),
         (MINIMAL | {"approach": {"lateral": [0, 0, 3]}}, "parallel"),
         (MINIMAL | {"approach": {"camera_distance": 0}}, "camera_distance is 0"),
@@ -104,10 +89,8 @@ NAN, INF = math.nan, math.inf
             "goes with position",
         ),
         ([], "must be a mapping"),
-        (None, "must be a mapping"),
         # millimetres
         (with_fruit(position=[450, 0, 890]), "is 997.296 m from the robot"),
-        (with_object(position=[450, 0, 890]), "objects[1]: position"),
         (with_fruit(shape={"sphere": {"radius": 15}}), "radius 15 m is too large"),
         (with_fruit(stem={"root": [0.45, 0.0, 1020]}), "stem.root"),
         (with_object(position=[1e5, 0, 0], role="static"), "100000 m from the robot"),
@@ -117,8 +100,6 @@ NAN, INF = math.nan, math.inf
         ),
         # frames, and stems by direction
         (MINIMAL | {"base": 3}, "base: is 3: must be a mapping with keys position, orientation"),
-        (MINIMAL | {"base": {}}, "base.position is missing"),
-        (MINIMAL | {"base": {"position": [0, 0]}}, "base.position has 2 entries"),
         (
             MINIMAL | {"camera": {"position": [0, 0, 0], "orientation": [1, 1, 0, 0]}},
             "camera.orientation [1.0, 1.0, 0.0, 0.0] has length 1.41421: must be a unit quaternion",
@@ -126,7 +107,6 @@ NAN, INF = math.nan, math.inf
         (MINIMAL | {"frame": "wrld"}, "frame is 'wrld': valid are world, base, camera; did you"),
         (MINIMAL | {"frame": "camera"}, "frame is 'camera' and the scene has no camera: give its"),
         (with_fruit(frame="camera"), "objects[0].frame is 'camera' and the scene has no camera"),
-        (with_fruit(frame="cam"), "objects[0].frame is 'cam': valid are world, base, camera"),
         (
             MINIMAL | {"base": {"position": [30, 0, 0]}},
             "position [-29.55, 0.0, 0.89] in the base's frame is 29.5634 m from the robot",

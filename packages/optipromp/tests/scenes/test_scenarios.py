@@ -46,11 +46,9 @@ def test_common(name):
     scene = load_scene(name)
     assert scene.name == name
     assert [item.id for item in scene.pushables] == ["n1", "n2"]
-    assert scene.target is not None
     assert scene.target.id == "ripe"
     for item in (scene.target, *scene.pushables):
         assert item.shape == Sphere(0.015)
-        assert item.stem is not None
         assert item.stem.radius == 0.003
         np.testing.assert_array_equal(item.stem.points[0], item.position)
     np.testing.assert_array_equal(scene.frame, np.eye(3))
@@ -61,7 +59,6 @@ def test_common(name):
 def test_beside_the_scara(name):
     scene = load_scene(name)
     assert scene.robot == "scara"
-    assert scene.tool is not None
     tool = scene.tool.parameters
     assert scene.tool.kind == "cup"
     assert tool["length"] + tool["height"] == pytest.approx(0.1116)
@@ -79,9 +76,7 @@ def test_beside_the_scara(name):
 def test_before_the_panda(name):
     scene = load_scene(name)
     assert scene.robot == "panda"
-    assert scene.tool is not None
     assert scene.tool.parameters == {"radius": 0.05, "height": 0.05, "length": 0.10}
-    assert scene.start is not None
     assert scene.start.shape == (7,)
     np.testing.assert_array_equal(scene.target.position, [0.45, 0, 0.89])
     np.testing.assert_allclose(scene.target.stem.vector, [0, 0, 0.13], atol=1e-12)

@@ -40,13 +40,10 @@ def test_a_stem_grows_from_another(tmp_path) -> None:
     save_scene(made, tmp_path / "truss.yaml")
     read = load_scene(tmp_path / "truss.yaml")
     stem = read.objects[0].stem
-    assert stem is not None
     assert stem.parent == "a"
     moved = read.transformed(Pose(np.array([0.1, 0.2, 0.3]), np.array([0.0, 0.0, 0.0, 1.0])))
-    assert moved.objects[0].stem is not None
     assert moved.objects[0].stem.parent == "a"
     (told,) = read_collision_object(collision_object(read.objects[0]))
-    assert told.stem is not None
     assert told.stem.parent == "a"
 
 
@@ -66,20 +63,16 @@ def test_what_cannot_be_a_truss_is_refused(objects, words) -> None:
 
 def test_roots_follow_the_stem_that_they_grow_from() -> None:
     child, parent = pair()
-    assert parent.stem is not None
     shift = np.array([0.02, 0.0, 0.0])
     apart = replace(
         parent, position=parent.position + shift,
         stem=replace(parent.stem, points=parent.stem.points + shift),
     )  # fmt: skip
     back, _ = rooted([child, apart])
-    assert back.stem is not None
-    assert apart.stem is not None
     np.testing.assert_allclose(
         back.stem.root, nearest(apart.stem.points, np.array([0.45, 0.0, 1.0]))[1]
     )
     (lone,) = rooted([child])
-    assert lone.stem is not None
     assert lone.stem.parent is None
 
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 
 from optipromp.core.arrays import frame_along
-from optipromp.core.geometry.faces import sphere, tube
+from optipromp.core.geometry.faces import sphere
 from optipromp.core.geometry.shapes import (
     Box,
-    Capsule,
     Cylinder,
-    HalfSpace,
     PointCloudShape,
     Sphere,
 )
@@ -43,17 +41,6 @@ def test_faces_enclose_the_volume_of_the_shape(shape: Sphere, expected: float) -
     np.testing.assert_allclose(middle, position, atol=1e-3)
 
 
-def test_a_capsule_reaches_a_radius_beyond_its_ends() -> None:
-    faces = shape_faces(Capsule(0.05, 0.2), np.zeros(3), np.eye(3))
-    assert faces[..., 2].max() == pytest.approx(0.15)
-    assert faces[..., 2].min() == pytest.approx(-0.15)
-
-
-def test_a_half_space_is_a_patch_of_its_plane() -> None:
-    faces = shape_faces(HalfSpace(), np.array([0.0, 0.0, 0.2]), np.eye(3))
-    assert (faces[..., 2] == 0.2).all()
-
-
 def test_a_large_cloud_is_thinned() -> None:
     points = np.random.default_rng(0).uniform(size=(20_000, 3))
     faces = shape_faces(PointCloudShape(points, 0.01), np.zeros(3), np.eye(3))
@@ -77,14 +64,6 @@ def test_an_orbiting_camera_sees_its_target_in_the_middle_and_up_above() -> None
     assert y > 0.09
 
 
-def test_what_is_nearer_looks_larger() -> None:
-    camera = Camera.orbit(np.zeros(3), 0.0, 0.0, 2.0)
-    near = camera.project(np.array([1.0, 0.1, 0.0]))
-    far = camera.project(np.array([-1.0, 0.1, 0.0]))
-    assert near[0] > far[0] > 0
-    assert near[2] > far[2]
-
-
 def test_near_faces_are_painted_after_far_ones() -> None:
     from matplotlib.figure import Figure
 
@@ -98,20 +77,3 @@ def test_near_faces_are_painted_after_far_ones() -> None:
     assert red.any()
     assert not red.all()
     assert not red[: int((~red).sum())].any()
-
-
-def test_glass_is_as_dark_where_it_covers_itself() -> None:
-    """The two walls of a cup of glass lay over each other, and showed as stripes."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    picture = Picture(Camera(np.zeros(3), np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])))
-    tall = np.array([[0.0, 0.0, -0.1], [0.0, 0.0, 0.1]])
-    picture.add(np.concatenate([tube(tall, 0.1, 37), tube(tall, 0.08, 31)]), "#204080", 0.3)
-    figure = Figure(figsize=(4.0, 4.0))
-    picture.draw(figure.add_axes((0.0, 0.0, 1.0, 1.0)))
-    canvas = FigureCanvasAgg(figure)
-    canvas.draw()
-    row = np.asarray(canvas.buffer_rgba())[200, 110:290, :3].astype(int)
-    assert row.max() < 255
-    assert np.ptp(row, axis=0).max() <= 1

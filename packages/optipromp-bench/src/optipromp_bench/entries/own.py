@@ -4,7 +4,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution.streaming import Stretch
+from optipromp.core.execution.executor import standing
+from optipromp.core.execution.streaming import Line
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
@@ -37,25 +38,19 @@ class Closed:
 
     def reset(self, scene: Scene, seed: int) -> None:
         self.controller = Controller(scene, seed=seed)
-        self.running: Stretch | None = None
-        self.coming: list[Stretch] = []
+        self.line: Line | None = None
         self.newest = -np.inf
 
     def act(self, seen: Observation) -> FloatArray:
         if seen.look is not None and seen.look.time > self.newest:
             self.controller.see(seen.look)
             self.newest = seen.look.time
-        state = State(seen.q, seen.velocity)
-        reference = state if self.running is None else self.running.at(seen.time)
-        made = self.controller(seen.time, state, reference)
+        line, controller = self.line, self.controller
+        line = line or Line.of(standing(controller.robot, State(seen.q)), seen.time)
+        made = controller(seen.time, State(seen.q, seen.velocity), line.at(seen.time))
         if made is not None:
-            self.coming.append(made)
-        then = seen.time + PERIOD
-        while self.coming and self.coming[0].begins <= then:
-            self.running = self.coming.pop(0)
-        if self.running is None:
-            return np.zeros(len(seen.q))
-        ahead = self.running.at(then)
+            line = line.take(made, seen.time, anew=controller.lost)
+        self.line, ahead = line, line.at(seen.time + PERIOD)
         return np.asarray(ahead.velocity + GAIN * (ahead.q - seen.q - PERIOD * seen.velocity))
 
 

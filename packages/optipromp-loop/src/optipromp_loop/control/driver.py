@@ -392,7 +392,7 @@ class Driver:
         self.course: Course | None = None
         self.route: Route | None = None
         self.held = False
-        self._offset: FloatArray | None = None  # (3,) of the target's rest when it was taken [m]
+        self._offset: FloatArray | None = None  # (1, 3) of the plant when the target was taken [m]
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
@@ -469,32 +469,22 @@ class Driver:
         return self._taken(route, phase, now, field, _ahead(route, phase, begins, field))
 
     def hold(self, now: float, tracked: Tracked) -> None:
-        """From now on the target moves with the tool, and tells nothing of the plant.
+        """From now on the target moves with the tool, and the plant is taken to stand as it is.
 
-        Where the tool presses all other fruits, the common sway of the plant is followed alone.
+        What is seen of fruits that the tool presses is its own motion: a way out that follows them
+        follows itself.
         """
         route, self.held = self.route, True
         assert route is not None
-        before, row = route.scene.target, target_row(tracked)
-        others = [item for item in route.scene.objects if item.role != "target"]
-        fruits = {item.id for item in others if item.role == "pushable"}
-        if fruits <= set(pushed_by(route, self.phase(now))):
-            self._offset = np.zeros(3)
-            if before is not None and row is not None:
-                self._offset = tracked.rest[row] - before.position
-        else:
-            scene = replace(route.scene, objects=rooted(others), goal=self.still.goal)
-            self.route = replace(route, scene=scene)
+        self._offset = self._field(route, tracked).at(route.points[-1:], np.array([now]))
 
     def _field(self, route: Route, tracked: Tracked) -> Displacement:
-        if self._offset is None:
-            places, moved, rows = displaced(route.scene, tracked)
-            length = self._parameters.field
-            return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
-        offset = self._offset
-        return Displacement(
-            np.zeros((1, 3)), lambda times: offset + tracked.sway(times)[0][:, None]
-        )
+        if self._offset is not None:
+            still = np.broadcast_to(self._offset, (1, 1, 3))
+            return Displacement(self._offset, lambda times: still.repeat(len(times), axis=0))
+        places, moved, rows = displaced(route.scene, tracked)
+        length = self._parameters.field
+        return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)
 
     def go_on(self, now: float, tracked: Tracked) -> Stretch | None:
         """Follow the route where the plant is now; None: the course goes on as it is."""

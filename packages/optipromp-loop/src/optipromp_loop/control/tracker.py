@@ -66,26 +66,6 @@ class Tracked:
     _belief: Belief = field(repr=False)
     _world: Setting = field(repr=False)
 
-    def sway(self, times: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The predicted common displacement of the plant.
-
-        Args:
-            times: (M,) [s], not before the snapshot's.
-
-        Returns:
-            Positions (M, 3) [m], velocities (M, 3) [m/s] and accelerations (M, 3) [m/s²].
-        """
-        state = self._belief.state
-        count, half = 2 * state.layout.bank, state.layout.half
-        bank = state.oscillators.some(slice(count))
-        a, b, c, d = bank.transition(self._ahead(times)[:, None])
-        begin, rate = state.mean[:count], state.mean[half : half + count]
-        x, v = a * begin + b * rate, c * begin + d * rate
-        pull = -(bank.omega**2) * x - 2.0 * bank.zeta * bank.omega * v
-        axes = state.layout.axes
-        moves = [(each.reshape(len(x), -1, 2).sum(axis=1) @ axes) for each in (x, v, pull)]
-        return moves[0], moves[1], moves[2]
-
     def moves(self, times: FloatArray) -> FloatArray:
         """The predicted displacement of each fruit from its rest, without pushes.
 

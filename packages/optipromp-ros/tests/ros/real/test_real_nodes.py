@@ -307,9 +307,7 @@ def test_what_is_not_understood_is_told_once_each(node: Any, start: Any, tmp_pat
         ("does not end", "gave no result within"),
     ],
 )
-def test_what_a_controller_does_with_a_plan_is_told(
-    node: Any, start: Any, server: str, words: str
-) -> None:
+def test_what_a_controller_does_with_a_plan_is_told(node, start, server, words):
     def execute(goal: Any) -> Any:
         if server == "does not end":
             time.sleep(20.0)

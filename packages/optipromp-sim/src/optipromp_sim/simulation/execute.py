@@ -11,7 +11,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError
-from optipromp.core.execution.executor import TIE, standing
+from optipromp.core.execution.executor import standing
 from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.leg_tasks import carried
@@ -414,11 +414,11 @@ class Controlled:
             pick.take()
         line = self._line or Line.of(standing(controller.robot, pick.reference), now)
         if stretch is not None:
-            line = line.until(stretch.begins, now).then(stretch, stretch.begins - TIE)
+            line = line.take(stretch, now, anew=controller.lost)
             self._stretches.append(stretch)
         tracked, count = controller.tracker.at(now), len(controller.plans)
         self._cycles.append((now, controller.stage, tracked, count))
-        if controller.ended and (not self._stretches or line.ended(now)):
+        if (controller.ended or controller.lost) and (not self._stretches or line.ended(now)):
             return None
         self._line = line
         return [line.at(now + k * tick) for k in range(pick.ticks)]

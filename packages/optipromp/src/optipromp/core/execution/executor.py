@@ -3,7 +3,7 @@
 import math
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
@@ -13,7 +13,16 @@ import numpy as np
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
-from optipromp.core.execution.streaming import PERIOD, Asking, AskingApart, Line, Reply
+from optipromp.core.execution.streaming import (
+    JOIN,
+    PERIOD,
+    TIE,
+    Asking,
+    AskingApart,
+    Line,
+    Reply,
+    gap_beyond,
+)
 from optipromp.core.execution.streaming import Source as Source
 from optipromp.core.execution.streaming import Stretch as Stretch
 from optipromp.core.parameters import Checked, parameter
@@ -21,8 +30,6 @@ from optipromp.core.planning.timing import stopped
 from optipromp.core.robots.model import Robot
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.core.values import Positive
-
-TIE = 1e-9  # [s] by which times that were added up may differ, chosen
 
 Watch = Callable[[float, State], bool | None]
 """Called with the time in the curve [s] and the measured state; True ends the motion."""
@@ -42,9 +49,15 @@ class Guard(Checked):
     # a late tick slows the reference
     advance: Positive = parameter(0.02, "s", "choice", "largest advance of the reference at a tick")
     late: float = parameter(0.1, "s", "choice", "between two ticks; after longer the motion ends")
-    join: float = parameter(1e-4, "rad or m", "choice", "largest step where a curve takes over")
-    join_velocity: float = parameter(1e-3, "rad/s or m/s", "choice", "the same of a velocity")
-    join_acceleration: float = parameter(1e-2, "rad/s^2 or m/s^2", "choice", "of an acceleration")
+    join: float = parameter(
+        JOIN["q"], "rad or m", "choice", "largest step where a curve takes over"
+    )
+    join_velocity: float = parameter(
+        JOIN["velocity"], "rad/s or m/s", "choice", "the same of a velocity"
+    )
+    join_acceleration: float = parameter(
+        JOIN["acceleration"], "rad/s^2 or m/s^2", "choice", "of an acceleration"
+    )
     wait: float = parameter(10.0, "s", "choice", "longest wait for the first curve of a source")
 
 
@@ -240,50 +253,25 @@ class Following(Streamed):
         if answer.error is not None:
             self._in_trouble("the source failed", answer.error)
             return
-        stretch, reason, now = answer.stretch, answer.refusal, self.time
+        stretch, reason, now, guard = answer.stretch, answer.refusal, self.time, self.arm.guard
         self.silent = stretch is None and self.taken > 0 and self.line.ended(answer.asked)
         if stretch is None:
             return
-        meets, before = max(stretch.begins, now), self.line.until(stretch.begins, now)
-        away = "" if reason else self._apart(stretch.at(meets), before.at(meets))
-        if away and stretch.begins < now - TIE:
-            self.missed += 1
-        elif reason or away:
-            self.refused.append(f"{now:.3f} s: {reason or away}")
-        else:
-            self.line, self.taken = before.then(stretch, meets), self.taken + 1
-
-    def _apart(self, one: State, running: State) -> str:
-        """Where a stretch leaves the running curve; empty where it meets it."""
-        guard = self.arm.guard
-        most = {
-            "q": guard.join,
-            "velocity": guard.join_velocity,
-            "acceleration": guard.join_acceleration,
-        }
-        if (gap := gap_beyond(one, running, most)) is None:
-            return ""
-        what, joint, away = gap
-        told = "" if what == "q" else f"{'an' if what[0] == 'a' else 'a'} {what} "
-        return (
-            f"the curve begins with {told}{away:.4g} from the running one at "
-            f"{self.arm.robot.joint_names[joint]} (at most {most[what]:g})"
-        )
+        if not reason:
+            joins = guard.join, guard.join_velocity, guard.join_acceleration
+            try:
+                self.line = self.line.take(stretch, now, most=dict(zip(JOIN, joins, strict=True)))
+                self.taken += 1
+                return
+            except ExecutionError as away:
+                if stretch.begins < now - TIE:
+                    self.missed += 1
+                    return
+                reason = away.message
+        self.refused.append(f"{now:.3f} s: {reason}")
 
     def _done(self) -> Executed:
         return replace(super()._done(), refused=tuple(self.refused), missed=self.missed)
-
-
-def gap_beyond(
-    one: State, other: State, limits: Mapping[str, float]
-) -> tuple[str, int, float] | None:
-    """The first field whose largest difference exceeds its limit, the joint, the difference."""
-    for what, most in limits.items():
-        away = np.abs(getattr(one, what) - getattr(other, what))
-        joint = int(np.argmax(away))
-        if away[joint] > most:
-            return what, joint, float(away[joint])
-    return None
 
 
 def standing(robot: Robot, state: State) -> Trajectory:

@@ -1,17 +1,22 @@
 """Curves that replace one another in motion: when each takes over, and who is asked for them."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Unit
 
+from optipromp.core.errors import ExecutionError
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.core.values import Validated
 
 PERIOD = 0.02  # [s] between two calls of a source, chosen: a camera's 50 Hz
+TIE = 1e-9  # [s] by which times that were added up may differ, chosen
+JOIN = {"q": 1e-4, "velocity": 1e-3, "acceleration": 1e-2}
+"""Largest step of a joint where a curve takes over [rad or m, of it per s and s²]: chosen."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +63,7 @@ class Line:
         return cls(((begins, Stretch(curve, begins)),))
 
     def _running(self, time: float) -> int:
-        return max(sum(takes <= time for takes, _ in self.taken) - 1, 0)
+        return max(sum(takes <= time + TIE for takes, _ in self.taken) - 1, 0)
 
     def at(self, time: float) -> State:
         """The state of the stretch that runs at ``time`` [s]."""
@@ -68,15 +73,51 @@ class Line:
         """Whether the last stretch has come to its end at ``time`` [s]."""
         return self.taken[-1][1].ended(time)
 
-    def until(self, begins: float, now: float) -> "Line":
-        """The stretch that runs at ``now`` and those that take over before ``begins`` [s]."""
-        running = self._running(now)
-        later = self.taken[running + 1 :]
-        return Line((self.taken[running], *(one for one in later if one[0] < begins)))
+    def take(
+        self,
+        stretch: Stretch,
+        now: float,
+        *,
+        most: Mapping[str, float] = JOIN,
+        anew: bool = False,
+    ) -> "Line":
+        """The line with a stretch that takes over at its begin, or ``now`` if that has passed.
 
-    def then(self, stretch: Stretch, takes: float) -> "Line":
-        """The same, and last a stretch that takes over at ``takes`` [s]."""
-        return Line((*self.taken, (takes, stretch)))
+        It comes in place of stretches that would take over later. What ran before ``now`` is left.
+
+        Args:
+            stretch: that takes over.
+            now: the executor's time [s].
+            most: largest step of a joint by field of a state, as :data:`JOIN`.
+            anew: the arm has left the line, and the stretch begins where the arm is, by any step.
+
+        Raises:
+            ExecutionError: the stretch does not meet what runs when it takes over.
+        """
+        takes, running = max(stretch.begins, now), self._running(now)
+        later = (one for one in self.taken[running + 1 :] if one[0] < stretch.begins)
+        before = Line((self.taken[running], *later))
+        gap = None if anew else gap_beyond(stretch.at(takes), before.at(takes), most)
+        if gap is not None:
+            what, joint, away = gap
+            told = "" if what == "q" else f"{'an' if what[0] == 'a' else 'a'} {what} "
+            raise ExecutionError(
+                f"the curve begins with {told}{away:.4g} from the running one at "
+                f"{stretch.curve.joint_names[joint]} (at most {most[what]:g})"
+            )
+        return Line((*before.taken, (takes, stretch)))
+
+
+def gap_beyond(
+    one: State, other: State, limits: Mapping[str, float]
+) -> tuple[str, int, float] | None:
+    """The first field whose largest difference exceeds its limit, the joint, the difference."""
+    for what, most in limits.items():
+        away = np.abs(getattr(one, what) - getattr(other, what))
+        joint = int(np.argmax(away))
+        if away[joint] > most:
+            return what, joint, float(away[joint])
+    return None
 
 
 Question = tuple[float, State, State]
