@@ -72,9 +72,9 @@ class ByDetector:
         """Of one picture, of which every ``step``-th row and column is looked at."""
         first, seen = (step - 1) // 2, list[Detected]()
         for each in things:
-            box = None if each.box is None else tuple(value / step for value in each.box)
+            left, top, right, bottom = np.array(each.box or [0.0] * 4) / step
             mask = None if each.mask is None else each.mask[first::step, first::step]
-            seen.append(replace(each, box=box, mask=mask))
+            seen.append(replace(each, box=each.box and (left, top, right, bottom), mask=mask))
         return cls(lambda rgb: seen)
 
     def find(self, picture: DepthPicture) -> Found:
@@ -204,10 +204,10 @@ def _network(radius: float) -> ByNetwork:
 
 
 def usual_finder(parameters: EyeParameters) -> ByNetwork | ByGeometry:
-    """The network, which knows red fruits on green plants; where onnxruntime or OpenCV is not
-    installed, or a crop or taught eyes have colours of their own, geometry."""
+    """The network, which knows red fruits on green plants; where onnxruntime is not installed, or a
+    crop or taught eyes have colours of their own, geometry."""
     own = parameters.colours != EyeParameters().colours
-    if own or not (find_spec("onnxruntime") and find_spec("cv2")):
+    if own or not find_spec("onnxruntime"):
         return ByGeometry(parameters)
     return _network(parameters.radius)
 

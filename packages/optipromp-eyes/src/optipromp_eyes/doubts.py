@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, ndimage
+from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.scenes.pose import Pose
+from optipromp_eyes.boards import opencv
 from optipromp_eyes.finder import Found, Region, most_about
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture
@@ -25,7 +26,7 @@ ripeness in half of the pictures, and the width of that step; fitted to renders 
 they are, before eight tables, and in ten lights."""
 LONG, EVEN = 3.0, 0.15  # length over width of a tape, deviation of its width: choices
 TAPE = "straight, as a tape or tube is"
-SHIFT, LEAD = 6, 1.35  # [pixel] out of register; correlation over that in register: choices
+SHIFT, LEAD = 6, 2.0  # [pixel] out of register; correlation over that in register: choices
 FARTHEST_SHIFT = 40  # [pixel] that is looked at: a choice
 LEAST_EDGE = 60  # [pixel] of edges of depth that tell a shift: a choice
 TRIED = 6  # fruits whose stems are looked for by other poses, which bounds time: a choice
@@ -62,13 +63,14 @@ def judged(
     fruits = (region for region in found.regions if region.kind == "ripe")
     straight = _straight(Region.mask(fruits, picture.depth.shape)) if by_colour else None
     out, doubts = list[Region](), list[tuple[Region, str]]()
-    for region in found.regions:
+    for region in found.fruits:
         tape = straight is not None and bool((straight[region.box] & region.part).any())
         ripe = 0.5 + (0.0 if tape else trust) * (region.ripe - 0.5)
         if ripe < p.least_ripe <= region.ripe:
             doubts.append((region, TAPE if tape else light))
         out.append(region.with_ripe(ripe))
-    return replace(found, regions=tuple(out)), doubts
+    rest = (region for region in found.regions if region not in found.fruits)
+    return replace(found, regions=(*out, *rest)), doubts
 
 
 def told(doubted: Sequence[tuple[Region, str]], fruits: Sequence[Region]) -> list[str]:
@@ -111,11 +113,10 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
         return ()
     rgb = picture.rgb[::k, ::k].astype(np.float32)
     steep = steepness(rgb)
-    steep = np.minimum(steep, np.quantile(steep, 0.98))
-    size = [n + FARTHEST_SHIFT for n in depth.shape]
-    there = fft.rfft2(steep - steep.mean(), size) * fft.rfft2(edges.astype(np.float32), size).conj()
+    steep = np.minimum(steep, max(np.quantile(steep, 0.98), 0.25 * steep.max()))
     far = FARTHEST_SHIFT // k
-    match = np.roll(fft.irfft2(there, size), (far, far), (0, 1))[: 2 * far + 1, : 2 * far + 1]
+    wide = np.pad(steep - steep.mean(), far)
+    match = opencv().matchTemplate(wide, edges.astype(np.float32), opencv().TM_CCORR)
     match = ndimage.gaussian_filter(match, 1.0)
     row, column = np.unravel_index(int(match.argmax()), match.shape)
     across, down = k * (int(column) - far), k * (int(row) - far)
@@ -130,13 +131,9 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
 
 def steepness(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     """The steepness (h, w) of colours (h, w, 3), by Sobel's kernels."""
-    out = np.zeros(rgb.shape[:2], dtype=np.float32)
-    planes = np.pad(np.moveaxis(rgb, 2, 0), ((0, 0), (1, 1), (1, 1)), mode="edge")
-    for there in (out, out.T):
-        smooth = planes[:, :-2] + 2.0 * planes[:, 1:-1] + planes[:, 2:]
-        there += ((smooth[:, :, 2:] - smooth[:, :, :-2]) ** 2).sum(axis=0)
-        planes = planes.transpose(0, 2, 1)
-    return np.sqrt(out)
+    cv = opencv()
+    ways = (cv.Sobel(rgb, -1, *way, borderType=cv.BORDER_REPLICATE) for way in ((1, 0), (0, 1)))
+    return np.asarray(np.sqrt(sum((way**2).sum(axis=2) for way in ways)))
 
 
 def pose_of(

@@ -21,7 +21,7 @@ from optipromp_eyes.finder import MOST_FITS, Finder, Found, Region, box_of, larg
 from optipromp_eyes.fusing import Detection as Detection
 from optipromp_eyes.fusing import Sighting as Sighting
 from optipromp_eyes.fusing import fused
-from optipromp_eyes.geometry import ByGeometry, edge_of, is_wall
+from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_wall, smooth
 from optipromp_eyes.parameters import EyeParameters, eyes_of
 from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
@@ -45,6 +45,7 @@ MOST_STEM_POINTS = 6000  # that are looked at: a choice
 BESIDE = 13  # [pixel] side of the square that tells what is beside a stem: a choice
 STANDS_OUT = 0.012  # [m] by which a stem is nearer than that: a choice
 LENT = 0.05  # [m] from which a depth is lent: a choice
+RED_ERROR = 0.03  # of a redness: a choice
 UNSURE = 0.1  # [m] deviation of a lent depth, which errs with all others of its stem: a choice
 
 
@@ -89,7 +90,13 @@ def look_at(
         stem = _whole(stem, fit, picture)
         counts[region.kind] += 1
         name = f"{region.kind}{counts[region.kind]}"
-        detections.append(Detection(_item(name, region, fit, stem, upward, p), region, fit, stem))
+        red = _redness(picture, fit, p)
+        if p.least_red > 0.0:
+            surely = 1.0 / (1.0 + math.exp((p.least_red - red) / RED_ERROR))
+            region = region.with_ripe(min(region.ripe, surely))
+        detections.append(
+            Detection(_item(name, region, fit, stem, upward, p), region, fit, stem, red)
+        )
     items = tuple(each.item for each in detections)
     look = Look(time, picture.camera.pose, items, picture.camera.view)
     above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
@@ -210,6 +217,13 @@ def _stem_points(
     there = depth > 0.0
     lent = rays[there] * depth[there, None], np.where(sure[there], p.stem_depth, UNSURE)
     return measured, lent
+
+
+def _redness(picture: DepthPicture, fit: Spheroid, p: EyeParameters) -> float:
+    """The share of ripe colours among the coloured pixels of a fruit's front."""
+    box, front = claimed(picture, np.ones(picture.depth.shape, dtype=bool), fit, p)
+    codes = coloured(smooth(picture.rgb[box])[front].astype(np.float64), p)
+    return float((codes == 1).sum() / max((codes > 0).sum(), 1))
 
 
 def _whole(stem: SeenStem | None, fit: Spheroid, picture: DepthPicture) -> SeenStem | None:
@@ -362,6 +376,7 @@ def summary(each: Detection) -> dict[str, object]:
         "score": round(each.region.score, 3),
         "fit": round(1.0 / (1.0 + math.exp(-each.spheroid.odds)), 3),
         "ripe": round(each.region.ripe, 3),
+        "redness": round(each.redness, 2),
         "radius": round(each.spheroid.radius, 5),
         "length": round(2.0 * each.spheroid.half, 5),
         "sigma": [round(float(value), 5) for value in deviations],

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp_eyes.boards import opencv
 from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
 from optipromp_eyes.parameters import Colour, EyeParameters
 from optipromp_eyes.pictures import DepthPicture, Image8
@@ -192,29 +193,20 @@ def coloured(rgb: FloatArray, p: EyeParameters) -> NDArray[np.int8]:
 
 def hsv(rgb: NDArray[Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Hue [deg], saturation and value (0 to 1) of pixels (N, 3) of 0 to 255."""
-    red, green, blue = rgb.T / np.float32(255.0)
-    most = np.maximum(np.maximum(red, green), blue)
-    span = np.maximum(most - np.minimum(np.minimum(red, green), blue), 1e-6)
-    hue = np.where(
-        most == red, (green - blue) / span,
-        np.where(most == green, 2.0 + (blue - red) / span, 4.0 + (red - green) / span),
-    )  # fmt: skip
-    return 60.0 * hue % 360.0, span / np.maximum(most, 1e-6), most
+    if not len(rgb):
+        return rgb[:, 0], rgb[:, 1], rgb[:, 2]
+    flat = (rgb / np.float32(255.0)).astype(np.float32)[:, None]
+    hue, dye, bright = opencv().cvtColor(flat, opencv().COLOR_RGB2HSV).reshape(-1, 3).T
+    return hue, dye, bright
 
 
 def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
     """Depths, each hole at ``where`` (0) with that of the nearest pixel that has one."""
-    out = np.pad(depth, 1).ravel()
-    rows = np.flatnonzero(np.pad(where & (depth == 0.0), 1))
-    wide = depth.shape[1] + 2
-    ways = np.array([-wide - 1, -wide, -wide + 1, -1, 1, wide - 1, wide, wide + 1])
+    out = depth.astype(np.float32)
     for _ in range(HOLE):
-        around = out[rows[:, None] + ways]
-        least = np.where(around > 0.0, around, np.inf).min(axis=1, initial=np.inf)
-        there = np.isfinite(least)
-        out[rows[there]] = least[there]
-        rows = rows[~there]
-    return np.asarray(out.reshape(-1, wide)[1:-1, 1:-1])
+        near = opencv().erode(np.where(out > 0.0, out, np.inf), np.ones((3, 3), np.uint8))
+        out = np.where(where & (out == 0.0) & np.isfinite(near), near, out)
+    return np.asarray(out, dtype=np.float64)
 
 
 def apart(hue: FloatArray, middle: float) -> FloatArray:

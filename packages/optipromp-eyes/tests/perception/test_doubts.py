@@ -101,6 +101,18 @@ def test_in_a_grey_picture_no_fruit_is_ripe() -> None:
     assert "the picture is grey" in words(sight)
 
 
+def test_a_fruit_less_red_than_its_crop_wants_is_no_target() -> None:
+    """The upper third of a fruit is green."""
+    shown = still(ball(RIPE, radius=0.02))
+    high = (np.indices(shown.depth.shape)[0] < 115) & (shown.depth < 0.5)
+    half = replace(shown, rgb=np.where(high[..., None], np.uint8(GREEN), shown.rgb))
+    disc = believed(shown.depth < 0.5)
+    for least, roles in ((0.0, ["target"]), (0.5, ["target"]), (0.75, ["pushable"])):
+        sight = look_at(half, up=UP, finder=disc, parameters=EyeParameters(least_red=least))
+        assert [each.item.role for each in sight.detections] == roles
+        assert 0.55 < sight.detections[0].redness < 0.74
+
+
 TABLES = {
     "white": (225, 222, 215), "grey": (120, 120, 122), "paper": (200, 170, 130),
     "soil": (110, 80, 60),
