@@ -1,7 +1,7 @@
 """A pick without physics: the arm is where it is told, and fruits move by a function of time."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from optipromp.core.execution.executor import standing
 from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.look import Look
-from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.stages import AFTER, LoopStage
@@ -57,10 +57,10 @@ class Picked:
         points, _ = self.controller.robot.tool_pose(q)
         return float(np.linalg.norm(points - scene.target.position - moved, axis=1).min())
 
-
-def without_fruits(scene: Scene) -> Scene:
-    """The scene with what stands still; its goal is its start."""
-    return replace(scene, objects=scene.static, goal=JointGoal(posed(scene)[1].q))
+    def away(self, scene: Scene) -> float:
+        """Distance of the tool from the target at the end [m]."""
+        point, _ = self.controller.robot.tool_pose(self.references[-1].q)
+        return float(np.linalg.norm(point - scene.target.position))
 
 
 def eye_of(scene: Scene, name: str = "zero-mean", seed: int = 0) -> Eye:
@@ -91,7 +91,7 @@ def pick(
             controller.see(look)
         stretch = controller(now, reference, reference)
         if stretch is not None:
-            line = line.take(stretch, now)
+            line = line.take(stretch, now, anew=controller.lost)
             done.stretches.append(stretch)
         if controller.ended and line.ended(now):
             break

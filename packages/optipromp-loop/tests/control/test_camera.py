@@ -46,12 +46,6 @@ def looked(scene: Scene, **faults: float) -> Picked:
     return pick(Controller(scene), scene, Eye(detector))
 
 
-def away(done: Picked, scene: Scene) -> float:
-    """Distance of the tool from the target at the end [m]."""
-    point, _ = done.controller.robot.tool_pose(done.references[-1].q)
-    return float(np.linalg.norm(point - scene.target.position))
-
-
 def noticed(done: Picked) -> list[str]:
     return [event.why for event in done.controller.noticed]
 
@@ -122,10 +116,11 @@ def test_a_target_nearer_than_the_limit_lives_on(near: float, lives: bool) -> No
         np.testing.assert_allclose(tracked.positions[0], place, atol=0.005)
 
 
-def test_a_pick_with_a_near_limit_ends_at_the_target(scene: Scene) -> None:
+def test_a_pick_with_a_near_limit_and_stamps_that_are_right_is_as_usual(scene: Scene) -> None:
     done = looked(scene, near=0.07)
     assert done.stages == USUAL
     assert noticed(done) == []
+    assert done.controller.camera.shift == 0.0
     assert done.nearest(scene) < 0.012
 
 
@@ -238,17 +233,11 @@ def test_stamps_without_the_pose_are_corrected_too(scene: Scene) -> None:
     assert done.nearest(scene) < 0.012
 
 
-def test_stamps_that_are_right_are_left_as_they_are(scene: Scene) -> None:
-    done = looked(scene)
-    assert done.controller.camera.shift == 0.0
-    assert noticed(done) == []
-
-
 def test_stamps_beyond_what_is_corrected_are_refused(scene: Scene) -> None:
     done = looked(scene, stamp=-0.45)
     assert done.stages[-1] == GAVE_UP
     assert "synchronise the camera's clock" in done.reasons[-1]
-    assert away(done, scene) > 0.08
+    assert done.away(scene) > 0.08
 
 
 # --- a target that falls --------------------------------------------------------------------------
@@ -294,7 +283,7 @@ def test_a_target_that_falls_ends_the_pick_away_from_the_fruits(scene: Scene) ->
     assert noticed(done) == ["the target falls: its stem broke"]
     begun = next(e.time for e in done.controller.events if e.stage is LEAVE)
     assert 4.0 < begun < 4.35 + CONTROL.hold
-    assert away(done, scene) > 0.08
+    assert done.away(scene) > 0.08
 
 
 def test_eyes_hold_their_picture_and_state_poses_at_their_stamps(scene: Scene) -> None:

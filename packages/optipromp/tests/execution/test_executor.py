@@ -1,10 +1,9 @@
 """The contract of an executor, run on the simulated arm; and what the followers refuse."""
 
-import numpy as np
 import pytest
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution import Executor, Guard
+from optipromp.core.execution import Executor
 from optipromp.core.execution.contract import ExecutorContract
 from optipromp.core.planning import plan
 from optipromp.core.scenes import load_scene
@@ -46,15 +45,6 @@ def test_what_runs_is_planned_again_from_where_the_arm_was_stopped() -> None:
     again = plan(scene, start_state=arm.state())
     assert arm.execute(again.trajectory).finished
     assert arm.outcome().success
-
-
-def test_an_arm_that_is_held_back_is_stopped() -> None:
-    """The guard ends a motion that the arm does not follow."""
-    arm = SimulatedArm(load_scene("scenario-3"), guard=Guard(tracking=1e-5))
-    done = arm.execute(plan("scenario-3").trajectory)
-    assert not done.finished
-    assert "from the curve at" in done.reason
-    assert np.abs(arm.state().velocity).max() < 0.02
 
 
 @pytest.mark.parametrize(

@@ -110,13 +110,6 @@ def test_a_late_stretch_that_meets_the_motion_takes_over() -> None:
     assert done.reference[-1, 0] == pytest.approx(WHOLE.positions[-1, 0] + 0.02, abs=1e-9)
 
 
-def test_a_late_stretch_that_has_left_the_motion_is_missed() -> None:
-    one = Stretch(WHOLE, 0.0)
-    done = Controlled(quiet).follow(giving((0.0, one), (1.0, Stretch(rest(0.5, 0.1), 0.5))))
-    assert (done.finished, done.refused, done.missed) == (True, (), 1)
-    np.testing.assert_allclose(done.reference, wanted(done, one), atol=1e-12)
-
-
 def changed(**by: float) -> State:
     """WHOLE's state after 1 s, changed in the third joint."""
     there = vars(WHOLE.at(1.0))

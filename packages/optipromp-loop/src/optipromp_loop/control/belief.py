@@ -249,15 +249,6 @@ class Arrival:
         return self.seen.look.time
 
 
-@dataclass(frozen=True, eq=False)
-class LookRecord:
-    """Innovations of one look: ``squares`` (k,) of the tracks ``ids``."""
-
-    time: float
-    ids: tuple[str, ...]
-    squares: FloatArray
-
-
 def first_belief(state: PlantState, first: tuple[SceneObject, ...], world: Setting) -> Belief:
     """The belief before any look: ``first`` objects, seen at an unknown earlier time."""
     given = world.parameters
@@ -271,8 +262,9 @@ def first_belief(state: PlantState, first: tuple[SceneObject, ...], world: Setti
     return Belief(-math.inf, state, tracks)
 
 
-def after_look(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, LookRecord]:
-    """The belief after a look, which must not be older than the belief, and its innovations."""
+def after_look(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, FloatArray]:
+    """The belief after a look, which must not be older than the belief, and the normalised
+    innovations squared (k,) of the tracks that it found within the gate."""
     given, seen, tracks = world.parameters, event.seen, belief.tracks
     state = belief.state
     if belief.time > -math.inf:
@@ -307,15 +299,15 @@ def after_look(belief: Belief, event: Arrival, world: Setting) -> tuple[Belief, 
             looked_at = shown(expected)
             pairs = pairing(state, expected, noise, tracks, seen, given, looked_at)
             state = state.shaken(math.sqrt(float(shift @ shift)))
-    state, record = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
+    state, squares = _corrected(state, pairs, event, expected, (push, pushes), belief, given)
     if belief.time > -math.inf and given.learning > 0.0:
         share = -math.expm1(-(event.time - belief.time) / given.learning)
         state = state.learnt(share, _amplitudes(state.layout, given))
     if shaken:
-        record = LookRecord(event.time, (), np.zeros(0))
+        squares = np.zeros(0)
     tracks = _counted(tracks, pairs, event, push, looked_at, world)
     belief = replace(belief, time=event.time, state=state, tracks=tracks, left=left)
-    return _renewed(belief, pairs, event, world, centre), record
+    return _renewed(belief, pairs, event, world, centre), squares
 
 
 def _centre(tracks: tuple[Track, ...], expected: FloatArray, seen: Seen) -> FloatArray:
@@ -353,8 +345,8 @@ def _corrected(
     pushes: tuple[FloatArray, FloatArray],
     belief: Belief,
     given: TrackerParameters,
-) -> tuple[PlantState, LookRecord]:
-    """The state after its matches; those within the gate come first and are recorded.
+) -> tuple[PlantState, FloatArray]:
+    """The state after its matches, and the innovations (k,) of those within the gate.
 
     What is outside the gate for the first time may be an error of the look; the second time the
     fruit has another rest.
@@ -362,7 +354,7 @@ def _corrected(
     order = np.argsort(pairs.jumped, kind="stable")
     one, other, jumped = pairs.tracks[order], pairs.detections[order], pairs.jumped[order]
     if not len(one):
-        return state, LookRecord(event.time, (), np.zeros(0))
+        return state, np.zeros(0)
     push, errors = pushes
     seen = event.seen.positions[other]
     noise = _white(event.seen.covariances[other], given) + errors[one]
@@ -374,9 +366,7 @@ def _corrected(
     odd = far * (jumped & ~again)[:, None]
     noise = noise + odd[:, :, None] * odd[:, None, :]
     state, squares = state.updated(one, seen - push[one], noise, one[held])
-    count = int((~jumped).sum())
-    ids = tuple(belief.tracks[k].id for k in one[:count].tolist())
-    return state, LookRecord(event.time, ids, squares[:count])
+    return state, squares[: int((~jumped).sum())]
 
 
 def _counted(
@@ -446,7 +436,7 @@ def _renewed(
         [track.lost < (given.die if track.confirmed else given.missed) for track in tracks],
         dtype=bool,
     )
-    first, new = not belief.looks and given.first_confirmed, pairs.new
+    first, new = not belief.looks, pairs.new  # the first look confirms at once
     existence = given.detected if first else given.born
     if (over := int(alive.sum()) + len(new) - given.most) > 0:
         chance = np.array([*(track.existence for track in tracks), *[existence] * len(new)])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from optipromp.core.arrays import FloatArray
@@ -27,25 +26,24 @@ class Looks:
 
     Attributes:
         inbox: that wait.
-        newest: time of the newest [s]; None: none has come.
+        newest: time of the newest [s]; minus infinity: none has come.
         came: when it came, or the first cycle began [s].
         eye: (3,) place of the camera at it [m].
     """
 
     inbox: list[Look] = field(default_factory=list)
-    newest: float | None = None
+    newest: float = -math.inf
     came: float | None = None
     eye: FloatArray | None = None
 
-    def due(self, time: float) -> Iterator[Look]:
+    def due(self, time: float) -> list[Look]:
         """The looks whose time has come; looks may come late and out of order."""
         due = [look for look in self.inbox if look.time <= time]
         self.inbox = [look for look in self.inbox if look.time > time]
         newest = max((look.time for look in due), default=-math.inf)
-        if self.came is None or newest > (-math.inf if self.newest is None else self.newest):
-            self.came = time
-            self.newest = newest if due else None
-        return iter(due)
+        if self.came is None or newest > self.newest:
+            self.came, self.newest = time, newest
+        return due
 
 
 class Common:

@@ -138,7 +138,9 @@ class Controller(Common):
             made = self._hold(time, f"no look has come for {age:g} s")
         else:
             self.fault = ""
-            made = self._entered(time, self._cycle(time))
+            made, after = self._cycle(time)
+            if after is not None:
+                self._enter(time, after)
         if made is None and not self.ended and self.driver.rests(time):
             made = self.driver.stand(time + self.parameters.lead)
         self.cycles.append(wall.perf_counter() - began)
@@ -154,13 +156,6 @@ class Controller(Common):
         if why:
             return self.doing.ends(self, time, why)
         return self.doing.cycle(self, time, self.tracker.at(time))
-
-    def _entered(self, now: float, step: Step) -> Stretch | None:
-        """The stretch of a step, whose next stage begins."""
-        made, after = step
-        if after is not None:
-            self._enter(now, after)
-        return made
 
     def _enter(self, now: float, after: Next) -> None:
         assert after.stage.name in AFTER[self.stage], f"{after.stage.name} after {self.stage}"
@@ -223,7 +218,9 @@ class Controller(Common):
         if seen is None:
             return
         seen = driver.untold(seen, self.scene, self.parameters.reach)
-        pushed = self._pushed(seen.time)
+        pushed = dict[str, FloatArray]()
+        if self.doing.among:
+            pushed = driver.pushed_by(self.driver.route, self.driver.phase(seen.time))
         self.looks.eye = seen.camera.position
         if isinstance(self.doing, Take):
             self.doing.sees(self, seen)
@@ -237,10 +234,3 @@ class Controller(Common):
 
     def _notice(self, now: float, what: str) -> None:
         self.noticed.append(Decision(now, self.stage, what))
-
-    def _pushed(self, time: float) -> dict[str, FloatArray]:
-        """Displacement of each fruit by the tool at a ``time`` [s], as the push model predicts."""
-        route = self.driver.route
-        if route is None or not self.doing.among:
-            return {}
-        return driver.pushed_by(route, self.driver.phase(time))

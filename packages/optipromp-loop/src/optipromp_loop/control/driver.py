@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from optipromp.core import judging
-from optipromp.core.arrays import FloatArray, frozen, lengths
+from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths, rotation
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import posed, spaced
@@ -118,11 +118,16 @@ def follow(
     """The course along a route from ``phase`` on, beginning in ``state`` at the time ``begins``.
 
     Of several times of the blend and rates, in order, the first counts with which the curve keeps
-    the robot's limits. None: with none of them, or the arm cannot reach the moved path.
+    the robot's limits. A blend that is longer than what is left of the path would have nothing to
+    guide it, and swing past the end. None: with none of them, or the arm cannot reach the moved
+    path.
     """
     ways = [(blend, parameters.rates[0]) for blend in parameters.blends[:3]]
     ways += [(blend, rate) for rate in parameters.rates[1:] for blend in parameters.blends[1:]]
+    left = route.duration - phase
     for blend, rate in ways:
+        if left > 0.0 and blend > max(left * rate, parameters.blends[0]):
+            continue
         curve = _curve(route, phase, state, begins, field, blend, rate, parameters.tail)
         if curve is not None:
             return Course(curve, begins, phase, rate)
@@ -137,20 +142,14 @@ def _curve(
     rows = np.flatnonzero((made.times - phase) * rate > blend)
     times = (made.times[rows] - phase) * rate
     end = max((made.duration - phase) * rate, blend)
-    near, points, axes = made.positions[rows], route.points[rows], route.axes[rows]
-    weight = route.weight[rows]
     rest = tail * np.array([1.0, 2.0, 3.0]) / 3.0  # the plant's motion fades in the tail
     late = end + (rest if len(rows) else np.append(0.0, rest))
-    count = len(late)
-    last = np.full(count, made.n_waypoints - 1)
     asked = np.append(times, end + np.minimum(late - end, tail) * (1.0 - 0.5 * (late - end) / tail))
     times = np.append(times, late)
-    near = np.concatenate([near, made.positions[last]])
-    points = np.concatenate([points, route.points[last]])
-    axes = np.concatenate([axes, route.axes[last]])
-    weight = np.append(weight, route.weight[last])
-    shift = weight[:, None] * field.at(points, begins + asked)
-    q, errors = ik.each(robot, points + shift, axes, near)
+    rows = np.append(rows, np.full(len(late), made.n_waypoints - 1))
+    points = route.points[rows]
+    shift = route.weight[rows, None] * field.at(points, begins + asked)
+    q, errors = ik.each(robot, points + shift, route.axes[rows], made.positions[rows])
     if errors.max() > TRACKED:
         return None
     curve = Trajectory.through(
@@ -379,7 +378,7 @@ class Driver:
 
     Attributes:
         course: that runs; None: the arm has not moved.
-        route: that the course follows, or that the arm waits for; None: there is none.
+        route: that the course follows, or that the arm waits for; unset before the first.
         still: the scene of what stands still; its goal is the begin.
         held: whether the target moves with the tool.
     """
@@ -390,7 +389,7 @@ class Driver:
         self.still = without_fruits(scene, state.q)
         self.robot, self._rest, self._parameters = robot, State(state.q), parameters
         self.course: Course | None = None
-        self.route: Route | None = None
+        self.route: Route
         self.held = False
         self._offset: FloatArray | None = None  # (1, 3) of the plant when the target was taken [m]
         self._shift = np.zeros((0, 3))
@@ -438,35 +437,36 @@ class Driver:
     def halt(self, now: float) -> Stretch | None:
         """Come to rest at once, and wait there for as long as this is asked; None: it does."""
         self._followed = now
-        return None if self.waits or self.rests(now) else self.pause(now + self._parameters.lead)
-
-    def pause(self, begins: float) -> Stretch:
-        """The curve that comes to rest at once; the arm then waits where it is in its route."""
-        phase, self._followed = self.phase(begins), begins
-        self.course = replace(self.brake(begins), phase=phase)
-        return self.course
+        return None if self.waits or self.rests(now) else self.brake(now + self._parameters.lead)
 
     def brake(self, begins: float, state: State | None = None) -> Course:
-        """The curve that comes to rest at once; the arm then waits at the begin of its route.
+        """The curve that comes to rest at once; the arm then waits where it is in its route.
 
         ``state``: to begin in; None: that of the course.
         """
         curve = stopped(self.robot, state or self.state(begins))
-        self.course = Course(curve, begins, 0.0, math.inf)
+        self.course = Course(curve, begins, self.phase(begins), math.inf)
+        self._followed = begins
         return self.course
 
     def set_out(self, route: Route, now: float, tracked: Tracked) -> Stretch:
         """Begin a route; where nothing leads onto it yet, come to rest and wait."""
-        self._followed = now
         self.route = route
         taken = self.take(route, 0.0, now, tracked)
-        return taken or self.brake(now + self._parameters.lead)
+        if taken is None:
+            self.course = taken = replace(self.brake(now + self._parameters.lead), phase=0.0)
+            self._followed = now
+        return taken
 
     def take(self, route: Route, phase: float, now: float, tracked: Tracked) -> Stretch | None:
         """Follow a route from ``phase`` [s] on; None: nothing leads onto it, the course goes on."""
-        begins = now + self._parameters.lead
-        field = self._field(route, tracked)
-        return self._taken(route, phase, now, field, _ahead(route, phase, begins, field))
+        begins, field = now + self._parameters.lead, self._field(route, tracked)
+        course = follow(route, phase, self.state(begins), begins, field, self._parameters)
+        if course is None or not self.safe(course.curve):
+            return None
+        self._shift = _ahead(route, phase, begins, field)
+        self.course, self.route, self._followed = course, route, now
+        return course
 
     def hold(self, now: float, tracked: Tracked) -> None:
         """From now on the target moves with the tool, and the plant is taken to stand as it is.
@@ -475,7 +475,6 @@ class Driver:
         follows itself.
         """
         route, self.held = self.route, True
-        assert route is not None
         self._offset = self._field(route, tracked).at(route.points[-1:], np.array([now]))
 
     def _field(self, route: Route, tracked: Tracked) -> Displacement:
@@ -489,27 +488,12 @@ class Driver:
     def go_on(self, now: float, tracked: Tracked) -> Stretch | None:
         """Follow the route where the plant is now; None: the course goes on as it is."""
         route, begins = self.route, now + self._parameters.lead
-        assert route is not None
-        waits = self.course is None or math.isinf(self.course.rate)
         phase = self.phase(begins)
-        field = self._field(route, tracked)
-        shift = _ahead(route, phase, begins, field)
-        follows = not waits and phase < route.duration
-        if follows and np.abs(shift - self._shift).max() < self._parameters.still:
-            return None
-        return self._taken(route, phase, now, field, shift)
-
-    def _taken(
-        self, route: Route, phase: float, now: float, field: Displacement, shift: FloatArray
-    ) -> Stretch | None:
-        """The course along a route in a ``field``; ``shift`` (4, 3): its displacements ahead."""
-        begins = now + self._parameters.lead
-        course = follow(route, phase, self.state(begins), begins, field, self._parameters)
-        if course is None or not self.safe(course.curve):
-            return None
-        self._shift = shift
-        self.course, self.route, self._followed = course, route, now
-        return course
+        if not self.waits and phase < route.duration:
+            shift = _ahead(route, phase, begins, self._field(route, tracked))
+            if np.abs(shift - self._shift).max() < self._parameters.still:
+                return None
+        return self.take(route, phase, now, tracked)
 
     def clear(self, tracked: Tracked, names: Collection[str]) -> bool:
         """Whether the course touches none of the tracked fruits of some ``names``."""
@@ -542,7 +526,8 @@ def _ahead(route: Route, phase: float, begins: float, field: Displacement) -> Fl
     """Displacements (4, 3) of the next points of a route [m]."""
     times = np.clip(phase + AHEAD, 0.0, route.duration)
     row = np.searchsorted(route.trajectory.times, times).clip(max=len(route.points) - 1)
-    return field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
+    shift = field.at(route.points[row], begins + np.maximum(times - phase, 0.0))
+    return route.weight[row, None] * shift
 
 
 def path_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
@@ -556,3 +541,26 @@ def path_back(robot: Robot, q: FloatArray, speed: float) -> Trajectory:
     widths[[0, -1]] *= 2.0  # it begins and ends at rest
     back = Trajectory.through(even, np.append(0.0, np.cumsum(widths)), robot.joint_names)
     return back.slowed(max(float(needs(robot, back).max()), 1.0))
+
+
+TURNS = 8  # parts of a turn, each at most 7 degrees: inverse kinematics stays on its branch
+MISS = 1e-6  # [m] error above which a configuration is none: a choice
+
+
+def views(robot: Robot, q: FloatArray, parameters: LoopParameters) -> list[FloatArray]:
+    """Configurations (n,) from which a camera on the tool sees what it does not see from ``q``.
+
+    The tool point stays. The tool axis turns by each of ``parameters.views`` [degrees], to four
+    sides each; what the arm does not reach is left out.
+    """
+    point, axis = robot.tool_pose(q)
+    across = frame_along(axis)[:, :2].T
+    found = []
+    for angle in parameters.views:
+        for side in (across[0], across[1], -across[0], -across[1]):
+            part = np.linspace(0.0, math.radians(angle), TURNS + 1)[1:]
+            axes = np.array([rotation(side, one) @ axis for one in part])
+            path, errors = ik.track(robot, np.tile(point, (TURNS, 1)), axes, q)
+            if errors.max() <= MISS:
+                found.append(path[-1])
+    return found

@@ -104,15 +104,13 @@ class Layout:
     @cached_property
     def position(self) -> FloatArray:
         """(3 F, n) that maps a state to the positions of the fruits."""
-        matrix = self._moving(0)
-        rows = np.arange(3 * self.count)
-        matrix[rows, 2 * self.half + rows] = 1.0
-        return matrix
-
-    @cached_property
-    def velocity(self) -> FloatArray:
-        """(3 F, n) that maps a state to the velocities of the fruits."""
-        return self._moving(self.half)
+        matrix = np.zeros((self.count, 3, self.size))
+        matrix[:, :, : 2 * self.bank] = np.tile(self.axes.T, self.bank)
+        for k in range(self.count):
+            at = 2 * (self.bank + k)
+            matrix[k, :, at : at + 2] = self.axes.T
+            matrix[k, :, 2 * self.half + 3 * k :][:, :3] = np.eye(3)
+        return matrix.reshape(-1, self.size)
 
     def rests(self, tracks: IntArray) -> IntArray:
         """Indices (3 k,) of the rest positions of ``tracks`` (k,)."""
@@ -123,14 +121,6 @@ class Layout:
         swing = (2 * self.bank + 2 * tracks[:, None] + np.arange(2)).ravel()
         moving = np.concatenate([np.arange(2 * self.bank), swing])
         return np.concatenate([moving, self.half + moving, self.rests(tracks)])
-
-    def _moving(self, begin: int) -> FloatArray:
-        matrix = np.zeros((self.count, 3, self.size))
-        matrix[:, :, begin : begin + 2 * self.bank] = np.tile(self.axes.T, self.bank)
-        for k in range(self.count):
-            at = begin + 2 * (self.bank + k)
-            matrix[k, :, at : at + 2] = self.axes.T
-        return matrix.reshape(-1, self.size)
 
 
 @dataclass(frozen=True, eq=False)

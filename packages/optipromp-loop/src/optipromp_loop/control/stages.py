@@ -36,7 +36,6 @@ from optipromp_loop.control.picks import (
 )
 from optipromp_loop.control.slices import Sliced
 from optipromp_loop.control.tracker import Tracked
-from optipromp_loop.control.views import views
 from optipromp_loop.control.wayout import ways_out
 
 
@@ -147,7 +146,7 @@ class Observe(Stage):
             self.since, self.seen = now, 0
             return None, None
         self.since = min(self.since, now)
-        if loop.looks.newest is None:
+        if loop.looks.newest == -math.inf:
             return None, None
         if self.job is None:
             if not self._knows(loop, now, tracked):
@@ -187,10 +186,8 @@ class Observe(Stage):
     def _again(self, loop: Common, why: str) -> Next:
         """Look again; a pick is made anew where something differs."""
         why = f"no pick: {why}"
-        if loop.tries <= 0 or loop.over:
-            return Next(Stand(GAVE_UP), loop.over or why)
-        loop.tries -= 1
-        return Next(Observe(self.near, self.views, refused=self.scene, why=why), why)
+        then = Observe(self.near, self.views, refused=self.scene, why=why)
+        return _tried(loop, then, why, why)
 
     def _knows(self, loop: Common, now: float, tracked: Tracked) -> bool:
         """Whether it has looked for long enough, and something differs from what was refused."""
@@ -213,7 +210,7 @@ class Observe(Stage):
         why = STANDS if loop.camera.standing is not None else self.why
         if self.refused is not None and not loop.hidden(tracked, self.since):
             return None, Next(Stand(GAVE_UP), why)
-        left = views(loop.robot, q, p) if self.views is None else self.views
+        left = driver.views(loop.robot, q, p) if self.views is None else self.views
         if self.refused is not None and self.views is None:
             left = left[: len(left) // len(p.views)]  # of the first turn: what hides is near
         if self.near and self.refused is None:  # from here it would be seen
@@ -225,6 +222,14 @@ class Observe(Stage):
                 out = drive.set_out(Route.along(loop.robot, turn, drive.still), now, tracked)
                 return out, Next(Travel(then, "at another view"), f"{why}: to another view")
         return None, Next(Stand(GAVE_UP), why)
+
+
+def _tried(loop: Common, then: Observe, told: str, why: str) -> Next:
+    """Look again, as it is ``told``; where no try is left, give up, and say ``why``."""
+    if loop.over or loop.tries <= 0:
+        return Next(Stand(GAVE_UP), loop.over or why)
+    loop.tries -= 1
+    return Next(then, told)
 
 
 @dataclass
@@ -245,7 +250,6 @@ class Travel(Stage):
     def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         drive, begins = loop.driver, now + loop.parameters.lead
         route = drive.route
-        assert route is not None
         if drive.stuck(now):
             return None, Next(Observe(), "nothing leads onto the path")
         if drive.phase(begins) >= route.duration:
@@ -280,28 +284,23 @@ class Push(Stage):
 
     def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         p, drive = loop.parameters, loop.driver
-        route, begins, since = drive.route, now + p.lead, loop.camera.standing
-        assert route is not None
+        begins, since = now + p.lead, loop.camera.standing
         phase = drive.phase(begins)
         if drive.stuck(now):
-            return self.leave(loop, now, "nothing leads onto the path")
-        if phase >= route.duration:
+            return self.ends(loop, now, "nothing leads onto the path")
+        if phase >= drive.route.duration:
             return drive.go_on(now, tracked), Next(Take(self), "at the target")
         if since is not None and now - since > p.picture_still:
-            return None if drive.waits else drive.pause(begins), None
+            return None if drive.waits else drive.brake(begins), None
         if driver.target_row(tracked) is None:
-            return self.leave(loop, now, "the target is no longer where it must be seen")
+            return self.ends(loop, now, "the target is no longer where it must be seen")
         made = self._watch(loop, now, tracked, phase)
         return made if made is not None else (drive.go_on(now, tracked), None)
 
     def ends(self, loop: Common, now: float, why: str) -> Step:
-        return self.leave(loop, now, why)
-
-    def leave(self, loop: Common, now: float, why: str) -> Step:
         """Stop, and leave without the target."""
-        q = self.passed(loop.driver.phase(now + loop.parameters.lead))
-        stop = loop.driver.pause(now + loop.parameters.lead)
-        q = np.vstack([q, stop.curve.positions[-1]])
+        stop = loop.driver.brake(now + loop.parameters.lead)
+        q = np.vstack([self.passed(stop.phase), stop.curve.positions[-1]])
         return stop, Next(Leave(self.pick, Sliced(partial(ways_out, self.pick.reach, q)), why), why)
 
     def passed(self, phase: float) -> FloatArray:
@@ -352,7 +351,7 @@ class Push(Stage):
                 return taken, None
         if found.leaving < self.going:
             told = f"going on would do {self.going:.2f} of the harm that is allowed"
-            return self.leave(loop, now, f"{told}, leaving {found.leaving:.2f}")
+            return self.ends(loop, now, f"{told}, leaving {found.leaving:.2f}")
         return None
 
     def falls(self, loop: Common, look: Look) -> bool:
@@ -412,7 +411,7 @@ class Take(Stage):
             return drive.halt(now) if self.fallen else drive.go_on(now, tracked), None
         outside = driver.outside(loop.robot, drive.state(now).q, tracked)
         if not self.caught if self.fallen else outside:
-            return self.push.leave(loop, now, FALLS if self.fallen else "the target is not inside")
+            return self.push.ends(loop, now, FALLS if self.fallen else "the target is not inside")
         if loop.robot.tool is None:  # nothing is taken out
             return drive.brake(now + loop.parameters.lead), Next(Stand(DONE), "at the target")
         return self._out(loop, now, tracked)
@@ -420,7 +419,7 @@ class Take(Stage):
     def ends(self, loop: Common, now: float, why: str) -> Step:
         if self.fallen:
             return self.cycle(loop, now, loop.tracker.at(now))
-        return self.push.leave(loop, now, why)
+        return self.push.ends(loop, now, why)
 
     def sees(self, loop: Common, look: Look) -> None:
         """Note whether a look shows the fallen target inside the tool."""
@@ -432,12 +431,10 @@ class Take(Stage):
         """Leave with the target as the pick says; where that does not lead out, search."""
         drive, legs, told = loop.driver, self.push.pick.legs, "out with the target"
         route = drive.route
-        assert route is not None
         drive.hold(now, tracked)
         if RETREAT in legs and not self.fallen:
-            curve = legs[RETREAT].trajectory
-            scene = (drive.route or route).scene
-            out = Route.along(loop.robot, curve, scene, came=(route, route.duration))
+            curve, came = legs[RETREAT].trajectory, (route, route.duration)
+            out = Route.along(loop.robot, curve, route.scene, came=came)
             if (begun := drive.take(out, 0.0, now, tracked)) is not None:
                 return begun, Next(Leave(self.push.pick, None, holding=True), told)
         q = self.push.passed(drive.phase(now))
@@ -472,7 +469,6 @@ class Leave(Stage):
     def cycle(self, loop: Common, now: float, tracked: Tracked) -> Step:
         drive, begins = loop.driver, now + loop.parameters.lead
         route = drive.route
-        assert route is not None
         if self.job is not None:
             ready = self.holding or drive.rests(now)
             ways = self.worked(loop, not self.holding) if ready else None
@@ -484,16 +480,12 @@ class Leave(Stage):
                     return drive.set_out(out, now, tracked), None
             if ways:
                 return None, Next(Stand(GAVE_UP), "no way out is free")
-            there = self.holding and drive.phase(now) >= route.duration  # it moves with the plant
-            return drive.go_on(now, tracked) if there else None, None
+            return None, None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
             stop = drive.brake(begins)
             if self.holding:
                 return stop, Next(Stand(DONE), "outside with the target")
-            if loop.over or loop.tries <= 0:
-                return stop, Next(Stand(GAVE_UP), loop.over or self.why)
-            loop.tries -= 1
-            return stop, Next(Observe(), "looking again after a retreat")
+            return stop, _tried(loop, Observe(), "looking again after a retreat", self.why)
         return drive.go_on(now, tracked), None
 
 

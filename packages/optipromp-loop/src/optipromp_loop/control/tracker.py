@@ -21,7 +21,6 @@ from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control.belief import (
     Arrival,
     Belief,
-    LookRecord,
     Setting,
     after_look,
     first_belief,
@@ -40,7 +39,6 @@ class Tracked:
         ids: of the tracks.
         roles: one is ``target`` at most.
         positions: (F, 3) [m].
-        velocities: (F, 3) [m/s].
         covariance: (F, 3, 3) of the positions [m²], with the share of the detector's errors that
             looks do not average out.
         rest: (F, 3) positions without sway, swing and push [m].
@@ -55,7 +53,6 @@ class Tracked:
     ids: tuple[str, ...]
     roles: tuple[Role, ...]
     positions: FloatArray
-    velocities: FloatArray
     covariance: FloatArray
     rest: FloatArray
     rest_covariance: FloatArray
@@ -98,23 +95,15 @@ class Tracked:
         return ahead
 
 
-def snapshot(
-    belief: Belief, time: float, world: Setting, pushed: Mapping[str, FloatArray] | None = None
-) -> Tracked:
-    """The belief, predicted to ``time`` [s]: a time before the belief's counts as the belief's.
-
-    ``pushed``: displacements (3,) of tracks by the arm at that time, by their ids [m]; None: those
-    of the last look.
-    """
+def snapshot(belief: Belief, time: float, world: Setting) -> Tracked:
+    """The belief, predicted to ``time`` [s]: a time before the belief's counts as the belief's."""
     given = world.parameters
     ahead = time - belief.time if belief.time > -np.inf else 0.0
     state = belief.state.after(max(ahead, 0.0), given.drift)
     tracks, layout = belief.tracks, state.layout
     count = len(tracks)
     lasting = given.steady * np.array([track.spread for track in tracks]).reshape(-1, 3, 3)
-    push = np.array(
-        [track.pushed if pushed is None else pushed.get(track.id, np.zeros(3)) for track in tracks]
-    ).reshape(-1, 3)
+    push = np.array([track.pushed for track in tracks]).reshape(-1, 3)
     at = 2 * layout.half + np.arange(3 * count).reshape(-1, 3)
     rest = state.covariance[at[:, :, None], at[:, None, :]]
     winner = target_of(tracks)
@@ -126,7 +115,6 @@ def snapshot(
             for best, track in zip(winner.tolist(), tracks, strict=True)
         ),
         positions=read_only((layout.position @ state.mean).reshape(-1, 3) + push),
-        velocities=read_only((layout.velocity @ state.mean).reshape(-1, 3)),
         covariance=_even(state.spreads + lasting + push_noise(push, given)),
         rest=read_only(state.mean[at]),
         rest_covariance=_even(rest + lasting),
@@ -148,18 +136,13 @@ class Innovations:
     """How far detections were from where the tracker expected them, in its own measure.
 
     Attributes:
-        times: (N,) of the looks [s].
-        ids: of the N tracks.
         squares: (N,) normalised innovations squared, each given the tracks before it in its look:
             independent χ² of 3 degrees of freedom if the model holds.
         dropped: number of looks that came too late.
     """
 
-    times: FloatArray
-    ids: tuple[str, ...]
     squares: FloatArray
     dropped: int = 0
-    degrees: int = 3
 
     def consistent(self, level: float = 0.95) -> tuple[float, float, float, bool]:
         """The mean of the squares, the band that holds it with probability ``level``, and whether
@@ -168,7 +151,7 @@ class Innovations:
         if not count:
             return float("nan"), 0.0, float("inf"), False
         tail = 0.5 * (1.0 - level)
-        low, high = chdtri(self.degrees * count, [1.0 - tail, tail]) / count
+        low, high = chdtri(3 * count, [1.0 - tail, tail]) / count
         mean = float(self.squares.mean())
         return mean, float(low), float(high), bool(low <= mean <= high)
 
@@ -184,7 +167,7 @@ class _Entry:
     before: Belief
     event: Arrival
     after: Belief
-    record: LookRecord
+    squares: FloatArray
 
 
 class Tracker:
@@ -226,7 +209,7 @@ class Tracker:
         self._tool = tool
         self._start = first_belief(plant, objects, self._world)
         self._entries: list[_Entry] = []
-        self._records: list[LookRecord] = []
+        self._squares: list[FloatArray] = []
         self._dropped = 0
 
     @property
@@ -275,21 +258,16 @@ class Tracker:
         while len(self._entries) > 1 and self._entries[1].event.time < oldest:
             entry = self._entries.pop(0)
             self._start = entry.after
-            self._records.append(entry.record)
-        del self._records[: -self.parameters.kept]
+            self._squares.append(entry.squares)
+        del self._squares[: -self.parameters.kept]
 
-    def at(self, time: float, pushed: Mapping[str, FloatArray] | None = None) -> Tracked:
+    def at(self, time: float) -> Tracked:
         """The fruits at ``time`` [s], predicted from the newest look.
 
         A time before the newest look is answered from the last look that is kept before it.
 
-        Args:
-            time: [s].
-            pushed: displacement (3,) [m] of tracks by the arm at that time, by their ids; None:
-                as at the newest look.
-
         Raises:
-            InvalidRequestError: the time or a push is not finite.
+            InvalidRequestError: the time is not finite.
         """
         if not math.isfinite(time):
             raise InvalidRequestError(f"time is {time}: must be finite")
@@ -298,21 +276,14 @@ class Tracker:
             if belief.time <= time:
                 break
             belief = entry.before
-        return snapshot(belief, time, self._world, None if pushed is None else _pushes(pushed))
+        return snapshot(belief, time, self._world)
 
     @property
     def statistics(self) -> Innovations:
         """The innovations of the last updates, oldest first."""
-        records = (self._records + [entry.record for entry in self._entries])[
-            -self.parameters.kept :
-        ]
-        counts = [len(record.ids) for record in records]
-        return Innovations(
-            np.repeat([record.time for record in records], counts),
-            tuple(name for record in records for name in record.ids),
-            np.concatenate([np.zeros(0), *(record.squares for record in records)]),
-            self._dropped,
-        )
+        squares = self._squares + [entry.squares for entry in self._entries]
+        kept = squares[-self.parameters.kept :]
+        return Innovations(np.concatenate([np.zeros(0), *kept]), self._dropped)
 
     @property
     def _newest(self) -> Belief:

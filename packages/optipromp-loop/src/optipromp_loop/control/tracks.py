@@ -55,7 +55,6 @@ class TrackerParameters(Checked):
     within: int = parameter(3, "1", "choice", "looks at a visible fruit within which they must be")
     missed: int = parameter(3, "1", "choice", "misses after which a tentative track dies")
     die: int = parameter(12, "1", "choice", "misses in a row after which a confirmed track dies")
-    first_confirmed: bool = parameter(True, "1", "choice", "the first look confirms at once")
     reach: float = parameter(0.8, "m", "guess", "from the camera: beyond, a fruit is not missed")
     # where a look states no limit: depth cameras measure from 0.07-0.3 m on
     close: float = parameter(0.1, "m", "reported", "of a front: nearer, a fruit is not missed")

@@ -74,13 +74,8 @@ class Line:
         return self.taken[-1][1].ended(time)
 
     def take(
-        self,
-        stretch: Stretch,
-        now: float,
-        *,
-        most: Mapping[str, float] = JOIN,
-        anew: bool = False,
-    ) -> "Line":
+        self, stretch: Stretch, now: float, most: Mapping[str, float] = JOIN, *, anew: bool = False
+    ) -> "Line":  # fmt: skip
         """The line with a stretch that takes over at its begin, or ``now`` if that has passed.
 
         It comes in place of stretches that would take over later. What ran before ``now`` is left.
