@@ -81,9 +81,7 @@ class ByGeometry:
         and that are not behind it are its gloss."""
         p = self.parameters
         known = np.where(depth > 0.0, -depth, -np.inf)
-        least = np.maximum(
-            p.step, 3.0 * p.depth_noise * depth**2
-        )  # steps that are no errors: a choice
+        least = np.maximum(p.step, 3.0 * p.depth_noise * depth**2)  # [m] that is no error: a choice
         steps = depth + most_about(known, 3) > least  # the nearer side keeps its edge
         whole = ndimage.binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)

@@ -69,9 +69,7 @@ def read_marks(path: Path) -> list[Mark]:
     holds = "a list of marks (picture, kind, box or at), or COCO (images, annotations, categories)"
     document = read_document(path, InvalidRequestError, holds)
     try:
-        if (
-            isinstance(document, dict) and "annotations" in document
-        ):  # other categories are left out
+        if isinstance(document, dict) and "annotations" in document:  # COCO; others are left out
             marks = [
                 {"picture": name, "kind": each.kind, "box": each.box}
                 for name, things in of_coco(document, str(path)).items()
