@@ -120,7 +120,7 @@ class Case:
         ]
         self.problem = Problem(
             robot, self.surroundings, costs, [SelfCost(WEIGHTS[4], SELF_MARGIN)], waypoints,
-            cutoff=CUTOFF, body=BodyPoints(robot),
+            cutoff=CUTOFF,
         )  # fmt: skip
 
     def __call__(self) -> tuple[float, FloatArray]:

@@ -18,7 +18,7 @@ from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, ToolSpec
+from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject, ToolSpec, obstacles_of
 from optipromp_sim.generate.checks import OverlapError
 
 Furniture = Literal["bookshelf", "box", "cage", "table-pick", "under-table"]
@@ -111,7 +111,7 @@ def _free(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
 
     The planner's own check (:mod:`optipromp.core.planning.collision`) knows no clearance.
     """
-    away, _ = distances(scene.obstacles("static"), robot.sphere_centers(q).reshape(-1, 3))
+    away, _ = distances(obstacles_of(scene, "static"), robot.sphere_centers(q).reshape(-1, 3))
     room = (away.min(axis=1).reshape(len(q), -1) - robot.spheres.radius).min(axis=1)
     apart = robot.self_gaps(q).min(axis=1, initial=0.0)
     return np.asarray((room >= CLEARANCE) & (apart >= 0.0))

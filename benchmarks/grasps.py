@@ -19,7 +19,7 @@ from optipromp.core.geometry import distances
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
-from optipromp.core.scenes.scene import JointGoal, Scene
+from optipromp.core.scenes.scene import JointGoal, Scene, obstacles_of
 
 FIRST = 81_000  # seed of the first table
 DEEPEST = 0.05  # [m] of the tool point below the top of a thing, at most: a choice
@@ -46,7 +46,7 @@ def touching(scene: Scene, seed: int) -> tuple[FloatArray, str] | None:
         q[-1] = rng.uniform(robot.lower[-1], robot.upper[-1])
         if robot.self_gaps(q[None]).min(initial=0.0) < 0.0:
             continue
-        away, _ = distances(scene.obstacles("static"), robot.sphere_centers(q[None])[0])
+        away, _ = distances(obstacles_of(scene, "static"), robot.sphere_centers(q[None])[0])
         room = away - np.asarray(robot.spheres.radius)[:, None]
         mine = np.array([item.id == thing.id for item in scene.static])
         if room[:, ~mine].min() < CLEARANCE or room[np.ix_(~hand, mine)].min() < CLEARANCE:

@@ -76,7 +76,7 @@ class Looked(NamedTuple):
     """What the pictures of one mount showed: fruits, false detections, pictures, seconds."""
 
     fruits: list[Observed]
-    radii: list[float]
+    false: int
     pictures: int
     seconds: list[float]
     view: float
@@ -84,7 +84,7 @@ class Looked(NamedTuple):
 
 def looked(scenes: Iterable[tuple[str, int]], mount: str, finder: Finder | None = None) -> Looked:
     """Photograph each scene (preset, seed) twice, see, and compare with the truth."""
-    fruits, radii, seconds, pictures, view = [], [], [], 0, 0.0
+    fruits, false, seconds, pictures, view = [], 0, [], 0, 0.0
     for preset, seed in scenes:
         scene = placed(generate(preset, seed), mount)  # type: ignore[arg-type]
         for k in range(2):
@@ -100,10 +100,8 @@ def looked(scenes: Iterable[tuple[str, int]], mount: str, finder: Finder | None 
                     place = Pose(fruit.center, camera.pose.rotation.T)
                     found = fruit.detection and fruit.detection.item
                     fruits.append(observed(key, hidden[fruit.item.id], fruit.item, place, found))
-            radii += [
-                each.spheroid.radius for each in seen.wrong if in_cone(each.item.position, view)
-            ]
-    return Looked(fruits, radii, pictures, seconds, view)
+            false += sum(in_cone(each.item.position, view) for each in seen.wrong)
+    return Looked(fruits, false, pictures, seconds, view)
 
 
 def placed(scene: Scene, mount: str) -> Scene:
@@ -202,8 +200,7 @@ def fitted(given: Looked, mount: str) -> DetectorParameters:
         steady=round(_steady(found, along, across), 2),
         missed=round(missed, 3), hidden=round(most, 3), hidden_from=round(begin, 2),
         hidden_to=round(end, 2), missed_steadily=round(_both(fruits, blind, chance), 2), slot=SLOT,
-        false=round(len(given.radii) / given.pictures, 3),
-        false_radius=round(float(np.median(given.radii)), 4) if given.radii else 0.015,
+        false=round(given.false / given.pictures, 3),
         stem_seen=round(float(stems.mean()), 2) if use else 0.0,
     )  # fmt: skip
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from forest import Share, Shares, forest
+from optipromp_bench.experiments.forest import Share, Shares, forest
 
 Book = Mapping[str, Any]
 Results = Mapping[str, Mapping[str, Any]]  # what is kept of each result, by name

@@ -25,7 +25,7 @@ def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
             fruits.append(script["Observed"](
                 ("cluster", seed, "a"), hidden, 0.4, found, along, tuple(across), tilts, 0.0
             ))  # fmt: skip
-    given = script["Looked"](fruits, [0.012, 0.014], 100, [0.1, 0.1], 0.9)
+    given = script["Looked"](fruits, 2, 100, [0.1, 0.1], 0.9)
     made = script["fitted"](given, "beside")
     assert made.position == pytest.approx(0.003, rel=0.1)
     assert made.along == pytest.approx(2.0, rel=0.1)
@@ -39,7 +39,6 @@ def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
     assert made.angle == pytest.approx(4.0, rel=0.1)
     assert made.stem_seen == pytest.approx(0.8, abs=0.03)
     assert made.false == 0.02
-    assert made.false_radius == 0.013
     assert made.latency == 0.13
     with pytest.raises(ValueError, match="too few"):
         script["fitted"](given._replace(fruits=fruits[:5]), "beside")

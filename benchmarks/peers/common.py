@@ -13,7 +13,7 @@ from optipromp.core.planning.options import Timed
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import paced, shortest, slowly
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, obstacles_of
 from optipromp.core.trajectory import Trajectory
 
 STEP = 0.045  # [rad or m] between the waypoints of a timed path, as ours has
@@ -79,7 +79,7 @@ class Checker:
         self.setup, self.fruits = setup, fruits
         self.evaluation = Evaluation(setup.robot, setup.body, 1, 1.0)
         self.proximal = ~np.asarray(setup.body.distal)
-        self.pushables = setup.scene.obstacles("pushable")
+        self.pushables = obstacles_of(setup.scene, "pushable")
 
     def __call__(self, q: FloatArray) -> bool:
         """Whether the robot at ``q`` (n,) touches nothing that it must not."""

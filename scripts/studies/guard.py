@@ -23,7 +23,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.trajectory import Trajectory
 from optipromp_bench.entries import ENTRIES
-from optipromp_bench.episode import LONGEST, Driven, Episode, FlightWorld, Observation
+from optipromp_bench.episode import LONGEST, Driven, Episode, Observation
 from optipromp_bench.experiments.statistics import share, tabled
 from optipromp_bench.running import STEADY
 from optipromp_loop.guard import Guard
@@ -126,9 +126,8 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     """What became of one run; and the run, for a film."""
     seed, wanders = ask["seed"], ask["entry"] == "random"
     situation = CONDITIONS[ask["condition"]](generate(ask["preset"], seed), seed)
-    arena = FlightWorld(situation.scene, seed) if ask["engine"] == "flight" else None
     most = LONG if wanders else LONGEST
-    episode = Episode(situation, seed, arena=arena, longest=most)
+    episode = Episode(situation, seed, engine=ask["engine"], longest=most)
     policy = policy_of(ask["entry"], episode, seed)
     if policy is None:
         return {"result": "refused", "causes": ""}, None
@@ -147,16 +146,12 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     simulation, seconds = episode.simulation, round(episode.time, 2)
     end = simulation.time
     outcome = episode.outcome(out=False)
-    own = isinstance(outcome, Outcome)
-    causes = (
-        outcome.causes if own else (*outcome.harm, *(f"swallowed {n}" for n in outcome.swallowed))
-    )
     row = {
-        "result": outcome.result, "causes": " ".join(map(str, causes)), "seconds": seconds,
+        "result": outcome.result, "causes": " ".join(map(str, outcome.causes)), "seconds": seconds,
         "steps": len(agent.safe), "acted": sum(safe.acted for safe in agent.safe),
         "spent": (1e3 * np.quantile(agent.spent or [0.0], SHARES)).round(2).tolist(),
     }  # fmt: skip
-    if not (isinstance(simulation, Simulation) and own):
+    if not (isinstance(simulation, Simulation) and isinstance(outcome, Outcome)):
         return row, None
     shown = situation.scene, episode.robot, simulation.parameters, seed
     return row, Run(*shown, simulation.rollout(end), outcome, 0.0)

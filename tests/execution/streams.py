@@ -3,10 +3,7 @@
 from typing import Any
 
 import numpy as np
-from tests.execution.arms import (
-    PANDA,
-    step,
-)
+from tests.execution.arms import PANDA, step
 
 from optipromp.core.execution import Executed
 from optipromp.core.execution.executor import Source, Stretch

@@ -19,15 +19,7 @@ from typing import Any
 
 import numpy as np
 from tests.fuzzing import networks
-from tests.fuzzing.changes import (
-    NUMBERS,
-    WORDS,
-    arrays_changed,
-    changed,
-    damaged,
-    text_of,
-    value,
-)
+from tests.fuzzing.changes import NUMBERS, WORDS, arrays_changed, changed, damaged, text_of, value
 from tests.fuzzing.originals import CUBE, FACES, obj
 from tests.fuzzing.outcomes import Mutant
 

@@ -17,14 +17,7 @@ from typing import Any
 
 import numpy as np
 import yaml
-from tests.fuzzing.changes import (
-    arrays_changed,
-    changed,
-    damaged,
-    text_of,
-    value,
-    xml_changed,
-)
+from tests.fuzzing.changes import arrays_changed, changed, damaged, text_of, value, xml_changed
 from tests.fuzzing.originals import (
     bystanders,
     chain,

@@ -12,12 +12,7 @@ from optipromp.core.optimization.costs.joints import (
     VelocityCost,
 )
 from optipromp.core.optimization.costs.obstacles import ClearanceCost, ObstacleCost, SelfCost
-from optipromp.core.optimization.costs.tool import (
-    CorridorCost,
-    GoalCost,
-    LevelCost,
-    UprightCost,
-)
+from optipromp.core.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
 from optipromp_paper.paper import PushCost
 
 FRAME = np.array([[0.6, 0.8, 0.0], [-0.8, 0.6, 0.0], [0.0, 0.0, 1.0]])

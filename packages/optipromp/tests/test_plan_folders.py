@@ -160,7 +160,9 @@ def test_a_folder_holds_one_plan_whenever_the_writer_is_killed(good, harmful, tm
     (tmp_path / "notes.txt").write_text("mine")
     write_plan(good, tmp_path)
     wait, seen = random.Random(0), set()
-    for _ in range(16):
+    for kill in range(400):  # a loaded machine may write no plan in the first of them
+        if kill >= 16 and len(seen) == 2:
+            break
         child = os.fork()
         if child == 0:
             while True:

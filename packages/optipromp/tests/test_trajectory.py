@@ -138,12 +138,7 @@ def test_it_keeps_a_copy_and_nobody_can_write_to_it() -> None:
         (line(), np.arange(4.0), NAMES, "4 times for 5 waypoints"),
         (line(), np.arange(1.0, 6.0), NAMES, "times begin at 1"),
         (line(), np.array([0.0, 1.0, 1.0, 2.0, 3.0]), NAMES, "do not grow: 1 s at waypoint 1"),
-        (
-            line(),
-            np.array([0.0, 1.0, np.nan, 2.0, 3.0]),
-            NAMES,
-            r"times\[2\] is nan: must be",
-        ),
+        (line(), np.array([0.0, 1.0, np.nan, 2.0, 3.0]), NAMES, r"times\[2\] is nan: must be"),
     ],
 )
 def test_refusals(positions: Any, times: Any, names: Any, message: str) -> None:

@@ -4,15 +4,18 @@
 socket FD: pickled calls come in, lines of JSON go out, and after the line of a motion its numbers.
 """
 
+import ctypes
 import importlib
 import json
 import os
 import pickle
 import socket
 import sys
+import sysconfig
 import threading
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +24,38 @@ from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.result import RETREAT
 from optipromp.core.trajectory import Trajectory
+
+SERVED = "tcp:"
+"""Beginning of the name of an entry that another process serves (:mod:`optipromp_bench.serve`)."""
+DUMPABLE, SUBREAPER, NO_NEW_PRIVS = 4, 36, 38  # PR_SET_ of prctl(2)
+CAPSET = 0x20080522  # version of capset(2) with two words a set
+
+
+def prctl(option: int, value: int) -> None:
+    """Change what Linux lets a process do; elsewhere nothing happens."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+
+
+def confined() -> None:
+    """Give up the rights of root that read another process's memory, for good."""
+    prctl(NO_NEW_PRIVS, 1)
+    if sys.platform == "linux":
+        header, nothing = (ctypes.c_uint32 * 2)(CAPSET, 0), (ctypes.c_uint32 * 6)()
+        ctypes.CDLL(None).capset(header, nothing)
+
+
+def installed(place: str) -> bool:
+    """Whether a folder of Python's path holds what is installed, or the packages of this library.
+
+    An entry imports nothing else but what its digest covers.
+    """
+    path = Path(place).absolute()
+    return (
+        path.name in ("site-packages", "dist-packages")
+        or any(path.is_relative_to(sysconfig.get_path(n)) for n in ("stdlib", "platstdlib"))
+        or any(path.glob("optipromp*/py.typed"))
+    )
 
 
 class Refused(NamedTuple):
@@ -60,7 +95,8 @@ def loaded(spec: str, track: str) -> Any:
     except BaseException as error:  # whatever a module does while it is imported
         raise InvalidRequestError(
             f"entry {spec!r} cannot be made ({type(error).__name__}: {error}); an entry is "
-            "MODULE:CLASS, of a class without arguments"
+            "MODULE:CLASS, of a class without arguments, and imports its own package and what is "
+            "installed, nothing beside them"
         ) from None
     for name in ("reset", "act") if track == "policy" else ("plan",):
         if not callable(getattr(entry, name, None)):
@@ -94,10 +130,7 @@ def motion_of(answer: object) -> Motion | Refused:
 def answered(entry: Any, call: str, given: list[Any]) -> tuple[Any, Mapping[str, Any], bytes]:
     """The entry, made by ``make``; the line of its answer; and the numbers after that."""
     if call == "make":
-        here, *named = given
-        if here not in sys.path:
-            sys.path.insert(0, here)
-        entry = loaded(*named)
+        entry = loaded(*given)
         return entry, {"leaves": getattr(entry, "leaves", False) is True}, b""
     if call == "plan":
         made = motion_of(entry.plan(*given))
@@ -112,9 +145,10 @@ def answered(entry: Any, call: str, given: list[Any]) -> tuple[Any, Mapping[str,
     return entry, {"velocity": velocity}, b""
 
 
-def main(number: int) -> None:
-    """Answer over a socket until the caller hangs up."""
+def main(number: int, source: str) -> None:
+    """Answer over a socket until the caller hangs up; entries are imported from ``source``."""
     caller = os.getppid()
+    confined()
 
     def watch() -> None:
         while os.getppid() == caller:
@@ -124,6 +158,7 @@ def main(number: int) -> None:
     threading.Thread(target=watch, daemon=True).start()
     from optipromp.core import ready  # noqa: F401  (compiles now, not while an entry thinks)
 
+    sys.path[:] = [source, *filter(installed, sys.path)]
     entry: Any = None
     with socket.socket(fileno=number) as own, own.makefile("rwb") as stream:
         while stream.peek(1):
@@ -139,4 +174,4 @@ def main(number: int) -> None:
 
 
 if __name__ == "__main__":  # by the name of the module, whose classes are those of entries
-    importlib.import_module("optipromp_bench.entrant").main(int(sys.argv[1]))
+    importlib.import_module("optipromp_bench.entrant").main(int(sys.argv[1]), sys.argv[2])

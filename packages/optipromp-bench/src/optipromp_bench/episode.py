@@ -3,13 +3,14 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.errors import ExecutionError, InvalidRequestError
+from optipromp.core.geometry.shapes import Primitive
 from optipromp.core.planning.task import posed
 from optipromp.core.planning.ways import back_along
 from optipromp.core.pushing.parameters import PUSH
@@ -17,11 +18,13 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.held import RETREAT
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.look import Look
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.rotations import to_quaternion
+from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control.driver import path_back
 from optipromp_loop.guard import Guard, Safe
 from optipromp_loop.guard.motion import joints_for as joints_for
+from optipromp_sim.detection import turned
 from optipromp_sim.simulation import Detector, Eye, Outcome, Simulation
 from optipromp_sim.simulation.contacts import HarmSoFar
 from optipromp_sim.simulation.rollouts import Legs, Pick, Turn, rollout
@@ -56,6 +59,39 @@ class Observation:
     holding: bool = False  # whether the target's stem is cut, and the tool leaves with the target
     # the last one that was delivered, with its camera; its time is since the beginning
     look: Look | None = None
+
+
+SIZE, TURN = 0.02, math.radians(2.0)
+"""Deviations of a detection's size, as a share, and of its turn about each axis: choices, so that
+the last digits of neither tell a fruit again."""
+
+
+def nameless(look: Look, rng: np.random.Generator, errs: bool) -> Look:
+    """A look whose detections come in any order under names of this look alone.
+
+    ``errs``: whether size, turn and length of the stem have errors, too.
+    """
+    items = list[SceneObject]()
+    for k, row in enumerate(rng.permutation(len(look.detections))):
+        item = replace(look.detections[row], id=f"seen{k}")
+        if errs:
+            turn = turned(TURN * rng.standard_normal(3)) @ item.rotation
+            one, other = 1.0 + SIZE * rng.standard_normal(2)
+            shape, stem = item.shape, item.stem
+            if isinstance(shape, Primitive):
+                told = {each.name: getattr(shape, each.name) for each in fields(shape)}
+                shape = replace(
+                    shape,
+                    **{
+                        n: tuple(one * np.array(v)) if isinstance(v, tuple) else one * v
+                        for n, v in told.items()
+                    },
+                )
+            if stem is not None:
+                stem = Stem.along(item.position, stem.vector, other * stem.length, stem.radius)
+            item = replace(item, shape=shape, orientation=to_quaternion(turn), stem=stem)
+        items.append(item)
+    return replace(look, detections=tuple(items))
 
 
 class FlightWorld:
@@ -145,20 +181,34 @@ class FlightWorld:
         return self._flight.outcome()
 
 
+Engine = Literal["arm", "flight"]
+ENGINES: tuple[Engine, ...] = ("arm", "flight")
+"""``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
+
+
+def arena_of(
+    engine: Engine, situation: Situation, seed: int, q: FloatArray | None = None
+) -> Simulation | FlightWorld:
+    """The world of an engine with the arm at ``q`` (n,); None: at the scene's start."""
+    if engine == "flight":
+        return FlightWorld(situation.scene, seed, q)
+    return Simulation(situation.scene, seed, situation.parameters, q=q)
+
+
 class Episode(Pick["Outcome | Word"]):
     """One pick in the simulation, moved by joint velocities.
 
     ``situation``: true scene, scene as first seen, camera, physics. ``seed``: of physics and looks.
     The same velocities give the same episode to the last bit. ``rate``: at which velocities come
-    [Hz]; divides the controller's rate. ``arena``: that the episode happens in; None: the main
-    simulation. ``longest``: time after which it ends [s]; None: LONGEST.
+    [Hz]; divides the controller's rate. ``engine``: that it happens in. ``longest``: time after
+    which it ends [s]; None: LONGEST.
     """
 
     def __init__(
         self, situation: Situation, seed: int = 0, rate: float = RATE,
-        arena: Simulation | FlightWorld | None = None, longest: float | None = None,
+        engine: Engine = "arm", longest: float | None = None,
     ) -> None:  # fmt: skip
-        own = arena or Simulation(situation.scene, seed, situation.parameters)
+        own = arena_of(engine, situation, seed)
         count = 1.0 / (rate * own.tick)
         if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
             raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
@@ -169,6 +219,7 @@ class Episode(Pick["Outcome | Word"]):
         eye = Eye(Detector(situation.scene, own.robot, situation.detector, seed))
         super().__init__(own, eye, situation.parameters.engine.settle, self.period)
         self._look: Look | None = None
+        self._rng = np.random.default_rng([seed, 12])
         self._fruits = tuple(o for o in situation.seen.objects if o.role != "static")
         self._learn()
 
@@ -250,7 +301,8 @@ class Episode(Pick["Outcome | Word"]):
 
     def _learn(self) -> None:
         for look in self.looks:
-            self._look, self._fruits = look, look.in_base()
+            self._look = nameless(look, self._rng, self.situation.detector.position > 0.0)
+            self._fruits = self._look.in_base()
 
     def harm(self) -> HarmSoFar:
         """What was harmed so far; a fruit beside the target that was held for a while counts."""

@@ -257,19 +257,25 @@ class Word:
     picked: bool  # whether the target is in the cup at the end
     swallowed: tuple[str, ...]  # ids of other fruits in the cup
     harm: tuple[str, ...]  # in words
-    force: float  # largest force of the cup, or of another fruit, on any fruit but the target [N]
+    # largest force of the cup, or of another fruit, on any fruit but the target [N]
+    unripe_peak_force: float
+
+    @property
+    def causes(self) -> tuple[str, ...]:
+        """Why it is harmed, in words."""
+        return (*self.harm, *(f"swallowed {name}" for name in self.swallowed))
 
     @property
     def success(self) -> bool:
         """The target alone is in the cup, and nothing was harmed."""
-        return self.picked and not self.swallowed and not self.harm
+        return self.picked and not self.causes
 
     @property
     def result(self) -> str:
         """``clean``, ``harmed`` or ``missed``: harm counts first."""
         if self.success:
             return "clean"
-        return "harmed" if self.harm or self.swallowed else "missed"
+        return "harmed" if self.causes else "missed"
 
 
 class _Watch:

@@ -2,9 +2,11 @@
 
 ==============================  ===================================================================
 ``run.json``                    entry and its digest, track, set, condition, variation, engines,
-                                version, round
-``rows.csv``                    a row a scene and engine, as they come; a run goes on where it
-                                ended, also with a larger ``count``
+                                version, round; a digest in place of the word until all rows are
+                                there, as the entry could read it
+``rows.csv``                    a row a scene and engine, as they come, each signed by the word with
+                                all before it; a run goes on where it ended, also with a larger
+                                ``count``
 ``motions/PRESET-SEED.npz``     trajectory (times, positions, velocities, accelerations), or joint
                                 velocities of a policy by engine
 ``submission.zip``              all of these, once every scene is done
@@ -13,10 +15,11 @@
 """
 
 import hashlib
+import hmac
 import io
 import platform
 import zipfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -39,10 +42,13 @@ from optipromp.core.files import (
 from optipromp.core.output import ROWS
 from optipromp.core.processes import cores
 from optipromp_bench import tracks
+from optipromp_bench.entrant import SERVED
+from optipromp_bench.episode import ENGINES, Engine
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.rows import (
     BENCH,
     LOCK,
+    SIGNED,
     Key,
     Row,
     RowFile,
@@ -51,9 +57,9 @@ from optipromp_bench.experiments.rows import (
     rows_in,
     source_version,
 )
-from optipromp_bench.running import ENGINES, STEADY, Engine, Exercise, again, rows_and_arrays
-from optipromp_bench.serve import SERVED, dismissed, hired
-from optipromp_bench.sets import Round, SceneSet, entry_digest
+from optipromp_bench.running import STEADY, Exercise, again, rows_and_arrays
+from optipromp_bench.serve import dismissed, hired, unread
+from optipromp_bench.sets import DEVELOPMENT, Round, SceneSet, entry_digest
 from optipromp_sim.situations import CONDITIONS, VARIATIONS
 
 RUN, MOTIONS, ZIP, RECORD = "run.json", "motions", "submission.zip", ".verified.json"
@@ -110,12 +116,21 @@ class BenchRun:
             round,
         )  # fmt: skip
 
+    def hidden(self) -> "BenchRun":
+        """The run with SHA-256 of its word in place of the word, which is no secret if public."""
+        word = self.scenes.word
+        if word == DEVELOPMENT:
+            return self
+        word = hashlib.sha256(word.encode()).hexdigest()
+        own = None if self.round is None else replace(self.round, word=word)
+        return replace(self, scenes=replace(self.scenes, word=word), round=own)
+
     def tasks(self, patience: tracks.Patience = tracks.PATIENCE) -> Iterator[Exercise]:
         """One for each scene."""
         for preset, seed in self.scenes.scenes():
             yield Exercise(
                 self.entry, self.track, preset, seed, self.condition, self.variation, self.engines,
-                self.scenes.word, patience,
+                self.scenes.word, patience, self.digest,
             )  # fmt: skip
 
 
@@ -127,14 +142,14 @@ def engines_of(condition: str, variation: str) -> tuple[Engine, ...]:
 @contextmanager
 def staffed(
     entry: str,
-    track: tracks.Track,
+    run: BenchRun,
     workers: int | None,
     patience: tracks.Patience = tracks.PATIENCE,
 ) -> Iterator[None]:
     """Entries in processes that end with the context. Raises InvalidRequestError where the entry
     cannot be made, or lacks the track's methods."""
     try:
-        hired(entry, track, patience).begin()
+        hired(entry, run.track, patience, run.digest).begin()
         if (workers or cores()) > 1:
             dismissed()  # each worker has its own
         yield
@@ -164,9 +179,13 @@ def run_bench(
     with ExitStack() as stack:
         stack.enter_context(locked(folder / LOCK))
         _check_run(run, folder / RUN)
-        stack.enter_context(staffed(run.entry, run.track, workers, patience))
-        file = RowFile(folder, BENCH, tracks.ROW_FILE)
-        write_atomically(folder / RUN, json_text(asdict(run)).encode())
+        stack.enter_context(staffed(run.entry, run, workers, patience))
+        file = RowFile(folder, SIGNED, tracks.ROW_FILE)
+        if _signed(run, file.rows) != file.rows:
+            raise InvalidRequestError(
+                f"{file.path} holds rows that this run did not write: choose another folder"
+            )
+        write_atomically(folder / RUN, json_text(asdict(run.hidden())).encode())
         done = {row.key for row in file.rows}
         all_ = list(run.tasks(patience))
         keys = [key for task in all_ for key in task.keys]
@@ -175,15 +194,19 @@ def run_bench(
         def hear(index: int, result: Any) -> list[Row]:
             arrays = npz(result[1], compressed=True)
             write_atomically(folder / MOTIONS / _file(tasks[index]), arrays)
-            fresh = [row for row in result[0] if row.key not in done]
+            fresh = _signed(run, [row for row in result[0] if row.key not in done], file.rows)
             file.append(*fresh)
             return fresh
 
         jobs, there = [(task,) for task in tasks], len(done.intersection(keys))
         hands = _hands(run.entry, workers, ray)
-        gathered(rows_and_arrays, jobs, hear, there, len(keys), progress=progress, **hands)
+        gathered(
+            rows_and_arrays, jobs, hear, there, len(keys), progress=progress, prepare=unread,
+            **hands,
+        )  # fmt: skip
         held = {row.key: row for row in file.rows}
-        ordered = [held[key] for key in keys]
+        ordered = [replace(held[key], sign="") for key in keys]
+        write_atomically(folder / RUN, json_text(asdict(run)).encode())
         _zipped(run, folder, ordered)
     return ordered
 
@@ -196,13 +219,27 @@ def _hands(entry: str, workers: int | None, ray: str | None) -> dict[str, Any]:
 def _check_run(run: BenchRun, path: Path) -> None:
     if is_there(path):
         found = _run_of(read_bytes(path, InvalidRequestError, tracks.RUN_FILE), str(path))
-        alike = replace(found, scenes=replace(found.scenes, count=run.scenes.count))
-        if alike != run or found.scenes.count > run.scenes.count:  # a larger set begins alike
-            name = next(f for f in vars(run) if getattr(found, f) != getattr(run, f))
+        own = run if found.scenes.word == run.scenes.word else run.hidden()
+        alike = replace(found, scenes=replace(found.scenes, count=own.scenes.count))
+        if alike != own or found.scenes.count > own.scenes.count:  # a larger set begins alike
+            name = next(f for f in vars(own) if getattr(found, f) != getattr(own, f))
             raise InvalidRequestError(
                 f"{path.parent} holds a run with {name} {getattr(found, name)!r}, this one has "
-                f"{getattr(run, name)!r}: choose another folder"
+                f"{getattr(own, name)!r}: choose another folder"
             )
+
+
+def _signed(run: BenchRun, rows: Sequence[Row], before: Sequence[Row] = ()) -> list[Row]:
+    """Rows with their signs: HMAC by the word of a row's line and of the sign before it.
+
+    Who has not the word, as the entry, changes no row of a folder.
+    """
+    out, sign = list[Row](), before[-1].sign if before else ""
+    for row in rows:
+        told = sign.encode() + lines_of([row], BENCH)
+        sign = hmac.new(run.scenes.word.encode(), told, "sha256").hexdigest()
+        out.append(replace(row, sign=sign))
+    return out
 
 
 def _run_of(content: bytes, where: str) -> BenchRun:
@@ -283,7 +320,7 @@ def verify(
     errors may differ, as they name addresses; so may the last bits of another kind of processor.
     Further arguments: see :func:`run_bench`.
     """
-    run, rows, motions, sha256 = submission(path)
+    run, rows, motion, sha256 = submission(path)
     if run.version != source_version():
         raise InvalidRequestError(
             f"{path} is of version {run.version}, this is {source_version()}: install that one"
@@ -304,12 +341,11 @@ def verify(
         fresh.update({row.key: row for row in made})
         return [submitted[key] for key in tasks[index].keys]  # also of what was refused
 
-    files = [(_file(task), f"{path}: {MOTIONS}/{_file(task)}") for task in tasks]
-    jobs = [(t, motions[name], where) for t, (name, where) in zip(tasks, files, strict=True)]
     call = again if entry is None else asked_again
-    with nullcontext() if entry is None else staffed(entry, run.track, workers):
+    with nullcontext() if entry is None else staffed(entry, run, workers):
         hands = _hands(entry or "", workers, ray)
-        gathered(call, jobs, hear, 0, len(rows), progress=progress, **hands)
+        jobs = _Jobs(tasks, motion)
+        gathered(call, jobs, hear, 0, len(rows), progress=progress, prepare=unread, **hands)
     changed, unconfirmed = [], []
     for row in rows:
         now = fresh.get(row.key)
@@ -365,35 +401,59 @@ class Submission(NamedTuple):
 
     run: BenchRun
     rows: list[Row]
-    motions: dict[str, bytes]  # contents of the files of motions by name, packed as they are
+    motion: Callable[[Exercise], bytes]  # the content of a scene's file, unpacked when asked for
     sha256: str
 
 
+class _Jobs(Sequence[tuple[Exercise, bytes, str]]):
+    """Of a verification: scene, its motion, and where that is; one motion at a time is unpacked."""
+
+    def __init__(self, tasks: Sequence[Exercise], motion: Callable[[Exercise], bytes]) -> None:
+        self._tasks, self._motion = tasks, motion
+
+    def __len__(self) -> int:
+        return len(self._tasks)
+
+    def __getitem__(self, index: Any) -> Any:
+        task = self._tasks[index]
+        return task, self._motion(task), f"{MOTIONS}/{_file(task)}"
+
+
 def submission(path: Path) -> Submission:
-    """A submission's file."""
+    """A submission's file, whose motions are not unpacked."""
     content = read_bytes(path, InvalidRequestError, tracks.SUBMISSION)
     sizes = {RUN: tracks.RUN_FILE, ROWS: tracks.ROW_FILE}
-    try:
+
+    def held(name: str, whole: bool = True) -> bytes:
+        with _unpacking(path):
+            told = file.getinfo(name)
+            if told.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                raise ValueError(f"{name} is packed as {told.compress_type}; must be deflated")
+            most = sizes.get(name, tracks.MOTION_FILE)
+            if told.file_size > most:
+                raise ValueError(f"{name} has {told.file_size} bytes; at most {most}")
+            return file.read(told) if whole else b""
+
+    with _unpacking(path):
         if content.count(b"PK\x01\x02") > tracks.MEMBERS:
             raise ValueError(f"more than {tracks.MEMBERS} files")
-        with zipfile.ZipFile(io.BytesIO(content)) as file:
+        file = zipfile.ZipFile(io.BytesIO(content))
+    run, table = _run_of(held(RUN), f"{path}: {RUN}"), held(ROWS)
+    keys = {key for task in run.tasks() for key in task.keys}
+    if table.count(b"\n") > len(keys) + 1:
+        raise InvalidRequestError(f"{path}: {ROWS} has more lines than the set has rows")
+    rows = rows_in(table, f"{path}: {ROWS}", BENCH)
+    for task in run.tasks():
+        held(f"{MOTIONS}/{_file(task)}", whole=False)
+    if {row.key for row in rows} != keys:
+        raise InvalidRequestError(f"{path}: rows and scenes differ")
+    sha256 = hashlib.sha256(content).hexdigest()
+    return Submission(run, rows, lambda task: held(f"{MOTIONS}/{_file(task)}"), sha256)
 
-            def held(name: str) -> bytes:
-                told = file.getinfo(name)
-                if told.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-                    raise ValueError(f"{name} is packed as {told.compress_type}; must be deflated")
-                most = sizes.get(name, tracks.MOTION_FILE)
-                if told.file_size > most:
-                    raise ValueError(f"{name} has {told.file_size} bytes; at most {most}")
-                return file.read(told)
 
-            run = _run_of(held(RUN), f"{path}: {RUN}")
-            rows = rows_in(held(ROWS), f"{path}: {ROWS}", BENCH)
-            motions = {_file(task): held(f"{MOTIONS}/{_file(task)}") for task in run.tasks()}
-    except InvalidRequestError:
-        raise
+@contextmanager
+def _unpacking(path: Path) -> Iterator[None]:
+    try:
+        yield
     except Exception as error:  # zipfile and zlib raise whatever goes wrong in them
         raise InvalidRequestError(f"{path} is no submission: {tracks.words(str(error))}") from None
-    if {row.key for row in rows} != {key for task in run.tasks() for key in task.keys}:
-        raise InvalidRequestError(f"{path}: rows and scenes differ")
-    return Submission(run, rows, motions, hashlib.sha256(content).hexdigest())

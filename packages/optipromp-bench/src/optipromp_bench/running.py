@@ -6,7 +6,7 @@ scene, the physics or the looks could be drawn again.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, cast
+from typing import cast
 
 import numpy as np
 
@@ -17,21 +17,18 @@ from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench import tracks
 from optipromp_bench.entrant import Motion
-from optipromp_bench.episode import Episode, FlightWorld, as_it_came
-from optipromp_bench.experiments.eyes import aimed_at, cameras, without_fruits
+from optipromp_bench.episode import ENGINES, Engine, Episode, arena_of, as_it_came
+from optipromp_bench.experiments.eyes import aimed_at, drawn_camera, without_fruits
 from optipromp_bench.experiments.rows import Key, Row
 from optipromp_bench.flight import Word
 from optipromp_bench.serve import Apart, Entry, hired
 from optipromp_bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp_sim.generate.plants import untold
-from optipromp_sim.simulation import Outcome, Simulation
+from optipromp_sim.simulation import Outcome
 from optipromp_sim.simulation.photograph import photograph
 from optipromp_sim.simulation.rollouts import Legs, Pick, rollout
 from optipromp_sim.situations import CONDITIONS, Situation, varied
 
-Engine = Literal["arm", "flight"]
-ENGINES: tuple[Engine, ...] = ("arm", "flight")
-"""``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
 NEUTRAL = "scene"
 """Name of every scene that an entry gets."""
 STEADY = "none", "zero-mean", "detector", "missed", "calibration"
@@ -53,6 +50,7 @@ class Exercise:
     engines: tuple[Engine, ...] = ENGINES  # that execute the motion
     word: str = DEVELOPMENT  # of the set, which the entry does not get
     patience: tracks.Patience = tracks.PATIENCE  # the time that the entry has
+    digest: str = ""  # of the entry's source, which may not change; empty: it may
 
     @property
     def keys(self) -> list[Key]:
@@ -82,7 +80,7 @@ def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
 
     Errors of the entry are rows; those of the task are raised.
     """
-    entry = hired(task.entry, task.track, task.patience)
+    entry = hired(task.entry, task.track, task.patience, task.digest)
     setting, digest = situated(task)
     seed = task.drawn("entry", SHORT)
     if task.track == "policy":
@@ -91,7 +89,7 @@ def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
     given = (setting.seen, seed)
     if task.track == "picture":
         known = replace(without_fruits(setting.scene), name=NEUTRAL)
-        shown = replace(setting.scene, camera=cameras(setting.scene)[0])
+        shown = replace(setting.scene, camera=drawn_camera(setting.scene, task.drawn("camera")))
         picture = photograph(shown, "beside", task.drawn("physics")).picture
         given = (picture, known, seed)  # type: ignore[assignment]
     try:
@@ -111,7 +109,7 @@ def executed_rows(task: Exercise, setting: Situation, digest: str, motions: Deed
         if motion.refused:
             rows.append(replace(row, cause=tracks.words(motion.why)))
         elif motion.actions is not None:
-            episode = _episode(task, setting, engine)
+            episode = Episode(setting, task.drawn("physics"), engine=engine)
             tracks.replayed(motion, episode)
             rows.append(_judged(row, episode.outcome(), episode.time))
         else:
@@ -125,7 +123,7 @@ def _by_policy(
     """The rows of a policy, which acts anew in every engine."""
     rows, motions = list[Row](), dict[Engine, tracks.Deed]()
     for engine in task.engines:
-        episode = _episode(task, setting, engine)
+        episode = Episode(setting, task.drawn("physics"), engine=engine)
         try:
             entry.begin()
             motion = tracks.acted(entry, episode, seed)
@@ -136,20 +134,6 @@ def _by_policy(
         row = _row(task, digest, engine, "missed", thought=motion.thought)
         rows.append(_judged(row, episode.outcome(), episode.time))
     return rows, motions
-
-
-def _episode(task: Exercise, setting: Situation, engine: Engine) -> Episode:
-    seed = task.drawn("physics")
-    return Episode(setting, seed, arena=_arena(engine, setting, seed))
-
-
-def _arena(
-    engine: Engine, setting: Situation, seed: int, q: FloatArray | None = None
-) -> Simulation | FlightWorld:
-    """The world of an engine with the arm at ``q`` (n,); None: at the scene's start."""
-    if engine == "flight":
-        return FlightWorld(setting.scene, seed, q)
-    return Simulation(setting.scene, seed, setting.parameters, q=q)
 
 
 def _flown(
@@ -163,7 +147,7 @@ def _flown(
         truth = aimed_at(truth, ripe, np.asarray(point))
     try:
         back = motion.back or as_it_came(posed(truth)[0], reach.positions)
-        arena = _arena(engine, setting._replace(scene=truth), seed, reach.positions[0])
+        arena = arena_of(engine, setting._replace(scene=truth), seed, reach.positions[0])
         pick: Pick[Outcome | Word] = Pick(arena)
         rollout(Legs(reach, back), pick)
     except (OptiPrompError, RuntimeError, ValueError) as error:
@@ -173,14 +157,11 @@ def _flown(
 
 def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
     """A row with the word of an engine; harm counts before success."""
-    if isinstance(outcome, Word):
-        harm = [*outcome.harm, *(f"swallowed {name}" for name in outcome.swallowed)]
-        cause, force = "; ".join(harm), outcome.force
-    else:
-        cause, force = " ".join(outcome.causes), outcome.unripe_peak_force
+    between = "; " if isinstance(outcome, Word) else " "
     return replace(
-        row, result=outcome.result, picked=bool(outcome.picked), cause=tracks.words(cause),
-        force=round(float(force), 3), duration=round(duration, 4),
+        row, result=outcome.result, picked=bool(outcome.picked),
+        cause=tracks.words(between.join(outcome.causes)),
+        force=round(float(outcome.unripe_peak_force), 3), duration=round(duration, 4),
     )  # fmt: skip
 
 

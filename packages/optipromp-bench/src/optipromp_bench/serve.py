@@ -40,9 +40,10 @@ from optipromp.core.processes import THREADS, pickled
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
-from optipromp_bench.entrant import Motion, Refused
+from optipromp_bench.entrant import DUMPABLE, SERVED, SUBREAPER, Motion, Refused, prctl
 from optipromp_bench.episode import Observation
 from optipromp_bench.experiments.eyes import without_fruits
+from optipromp_bench.sets import entry_digest
 from optipromp_bench.tracks import (
     ACTION,
     LINE,
@@ -212,19 +213,19 @@ def serve(policy: Acting, port: int = 0, host: str = "127.0.0.1", calls: int | N
             with suppress(OSError), caller, caller.makefile("rwb") as stream:
                 scene: Scene | None = None
                 for line in stream:
-                    message = json.loads(line)
                     try:
-                        answer: dict[str, Any] = {}
+                        message = json.loads(line)
                         if message["call"] == "reset":
                             scene = scene_from_dict(message["scene"])
                             policy.reset(scene, message["seed"])
-                            answer = {"leaves": getattr(policy, "leaves", False) is True}
+                            told = _packed({"leaves": getattr(policy, "leaves", False) is True})
                         else:
                             assert scene is not None, "act came before reset"
-                            answer = {"velocity": policy.act(_seen(message, scene)).tolist()}
+                            acted = policy.act(_seen(message, scene))
+                            told = _packed({"velocity": acted.tolist()})
                     except Exception as error:  # the caller tells of it
-                        answer = {"error": f"{type(error).__name__}: {error}"}
-                    stream.write(_packed(answer))
+                        told = _packed({"error": f"{type(error).__name__}: {error}"})
+                    stream.write(told)
                     stream.flush()
 
 
@@ -240,9 +241,7 @@ def _seen(message: dict[str, Any], scene: Scene) -> Observation:
     return Observation(fruits=fruits, **values)
 
 
-SERVED = "tcp:"
-"""Beginning of the name of an entry that another process serves (:mod:`optipromp_bench.serve`)."""
-LAST = 2.0  # [s] for a process that hung up to end by itself: a choice
+LAST = 2.0  # [s] for a process that hung up to end by itself, and for orphans: a choice
 
 
 class Apart(Remote):
@@ -250,12 +249,15 @@ class Apart(Remote):
 
     The process gets scenes and seeds, by pickles. What comes back is never unpickled: a line of
     JSON, and the numbers of a motion. The entry's working folder is empty and its own; neither the
-    word of the set nor the folder of the run is among its arguments or in its environment.
+    word of the set nor the folder of the run is among its arguments or in its environment. What it
+    imports is a copy of what its ``digest`` covers; empty: any digest will do.
     """
 
-    def __init__(self, spec: str, track: str, patience: Patience = PATIENCE) -> None:
+    def __init__(
+        self, spec: str, track: str, patience: Patience = PATIENCE, digest: str = ""
+    ) -> None:
         super().__init__(patience)
-        self.spec, self.track = spec, track
+        self.spec, self.track, self.digest = spec, track, digest
         self._process: subprocess.Popen[bytes] | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
 
@@ -264,7 +266,7 @@ class Apart(Remote):
         if self._process is None or self._process.poll() is not None:
             self.close()
             self._start()
-        told = pickled(("make", str(Path.cwd()), self.spec, self.track))
+        told = pickled(("make", self.spec, self.track))
         self.leaves = self._ask(told, self.patience.start, _leaves)
 
     def plan(self, *given: Any) -> Motion | Refused:
@@ -297,17 +299,27 @@ class Apart(Remote):
         return self._ask(pickled(("act", seen)), self.patience.act, velocity_of)
 
     def _start(self) -> None:
+        unread()
+        prctl(SUBREAPER, 1)  # what outlives the entry's process becomes a child of this one
+        _known.update(_children())
+        self._folder = tempfile.TemporaryDirectory(prefix="entry-", ignore_cleanup_errors=True)
+        source, work = (Path(self._folder.name, name) for name in ("source", "work"))
+        source.mkdir()
+        work.mkdir()
+        found = entry_digest(self.spec, source)
+        if self.digest not in ("", found):
+            raise EntryError(f"the source of {self.spec!r} changed during the run: begin anew")
         ours, theirs = socket.socketpair()
         theirs.set_inheritable(True)
-        self._folder = tempfile.TemporaryDirectory(prefix="entry-", ignore_cleanup_errors=True)
         number, posix = theirs.fileno(), os.name == "posix"
         path = os.pathsep.join(str(Path(each).absolute()) for each in sys.path if each)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "optipromp_bench.entrant", str(number)],
-            stdin=subprocess.DEVNULL, stdout=2, cwd=self._folder.name,
+            [sys.executable, "-m", "optipromp_bench.entrant", str(number), str(source)],
+            stdin=subprocess.DEVNULL, stdout=2, cwd=work,
             env={**os.environ, **THREADS, "PYTHONPATH": path},
             close_fds=posix, pass_fds=(number,) if posix else (), start_new_session=posix,
         )  # fmt: skip
+        _known.add(self._process.pid)
         theirs.close()
         self._socket = ours
 
@@ -329,27 +341,55 @@ class Apart(Remote):
                 else:
                     self._process.kill()
             self._process.wait()
+            _bury()
         if self._folder is not None:
             self._folder.cleanup()
         self._process = self._folder = None
 
 
+def unread() -> None:
+    """Let no process of the same user read this one's memory, where the word of a set is."""
+    prctl(DUMPABLE, 0)
+
+
+_known = set[int]()  # children of this process that no entry left behind
+
+
+def _children() -> set[int]:
+    """The children of this process in other sessions, of Linux alone: no entry can join ours."""
+    out = set[int]()
+    for each in Path("/proc/self/task").glob("*/children"):
+        with suppress(OSError):  # a thread or a child ended
+            out |= {k for k in map(int, each.read_text().split()) if os.getsid(k) != os.getsid(0)}
+    return out
+
+
+def _bury() -> None:
+    """End what an entry left behind, each of which is a child of this process by now."""
+    until = time.monotonic() + LAST
+    while (orphans := _children() - _known) and time.monotonic() < until:
+        for number in orphans:
+            with suppress(ProcessLookupError, ChildProcessError):
+                os.kill(number, signal.SIGKILL)
+                os.waitpid(number, 0)
+
+
 Entry = Apart | Served
-_staff: dict[tuple[str, str, Patience], Entry] = {}  # one process an entry, for all scenes
+_staff: dict[tuple[str, str, Patience, str], Entry] = {}  # one process an entry, for all scenes
 
 
-def hired(spec: str, track: str, patience: Patience = PATIENCE) -> Entry:
+def hired(spec: str, track: str, patience: Patience = PATIENCE, digest: str = "") -> Entry:
     """The entry of a name, MODULE:CLASS or tcp:HOST:PORT, in the one process that is for it."""
     if spec.startswith(SERVED) and track != "policy":
         raise InvalidRequestError(f"entry {spec!r} is of the track policy; this one is {track}")
-    key = spec, track, patience
+    key = spec, track, patience, digest
     if not _staff:
         Finalize(None, dismissed, exitpriority=10)  # also in a worker, which ends without atexit
     if key not in _staff:
         if spec.startswith(SERVED):
             _staff[key] = Served(spec.removeprefix(SERVED), patience)
         else:
-            _staff[key] = Apart(spec, track, patience)
+            _staff[key] = Apart(spec, track, patience, digest)
     return _staff[key]
 
 

@@ -32,9 +32,8 @@ from optipromp.core.errors import InvalidRequestError, check_one_of, is_name
 from optipromp.core.files import read_bytes
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.scene import Scene
-from optipromp_bench.entrant import parts
+from optipromp_bench.entrant import SERVED, parts
 from optipromp_bench.experiments.rows import source_version
-from optipromp_bench.serve import SERVED
 from optipromp_bench.tracks import RUN_FILE, words
 from optipromp_sim.generate import PRESETS as ALL
 from optipromp_sim.generate import Preset, generate
@@ -176,11 +175,12 @@ def read_round(path: Path) -> Round:
         raise InvalidRequestError(f"{path} is no round of 'bench draw': {told}") from None
 
 
-def entry_digest(entry: str) -> str:
+def entry_digest(entry: str, to: Path | None = None) -> str:
     """SHA-256 of an entry's source: its class's name, and its module's file or, of a package, all
     files of the package; of an entry of ours, the version of the library; of tcp:, empty.
 
-    The entry is not imported.
+    The entry is not imported. ``to``: folder that gets a copy of what the digest covers, which is
+    all that a run imports of the entry; None: nothing is copied.
     """
     if entry.startswith(SERVED):
         return ""
@@ -191,29 +191,48 @@ def entry_digest(entry: str) -> str:
         return digest.hexdigest()
     try:
         for name, path in _sources(module, entry):
+            content = path.read_bytes()
             digest.update(hashlib.sha256(name.encode()).digest())
-            digest.update(hashlib.sha256(path.read_bytes()).digest())
+            digest.update(hashlib.sha256(content).digest())
+            if to is not None:
+                (to / name).parent.mkdir(parents=True, exist_ok=True)
+                (to / name).write_bytes(content)
     except OSError as error:
         raise InvalidRequestError(f"entry {entry!r}: its source cannot be read: {error}") from None
     return digest.hexdigest()
 
 
+def is_found(entry: str) -> bool:
+    """Whether the module of an entry lies here or on Python's path."""
+    try:
+        return any(_sources(parts(entry)[0], entry))
+    except InvalidRequestError:
+        return False
+
+
 def _sources(module: str, entry: str) -> Iterator[tuple[str, Path]]:
-    """Name and path of each file of a module, or of the package that it is in."""
-    names, places, root = module.split("."), [str(Path.cwd()), *sys.path], None
+    """Each file of a module, or of the package that it is in: below Python's path, and its path."""
+    names, places = module.split("."), [str(Path.cwd()), *sys.path]
+    root, depth = None, len(names) - 1
     for k in range(len(names)):
         spec = PathFinder.find_spec(".".join(names[: k + 1]), places)
         if spec is None:
             break
         places = list(spec.submodule_search_locations or [])
         if root is None and spec.origin is not None and places:
-            root = Path(places[0])
+            root, depth = Path(places[0]), k + 1
     else:
         assert spec is not None
+        above = Path(*names[:depth])
         files = [Path(spec.origin or "")] if root is None else sorted(root.rglob("*"))
         for path in files:
+            if path.is_symlink() and path.is_dir():
+                raise InvalidRequestError(
+                    f"entry {entry!r}: {path} is a link to a folder, which no digest covers: put "
+                    "the folder itself there"
+                )
             if path.is_file() and "__pycache__" not in path.parts:
-                yield path.name if root is None else path.relative_to(root).as_posix(), path
+                yield (above / path.relative_to(root or path.parent)).as_posix(), path
         return
     raise InvalidRequestError(
         f"entry {entry!r} cannot be made: there is no module {module!r} here or on Python's path; "

@@ -14,6 +14,7 @@ import scipy.stats
 import optipromp
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, file_name, is_there, json_text, write_atomically
+from optipromp_bench.experiments.forest import Share, Shares, forest
 from optipromp_bench.experiments.rows import Row, source_version
 from optipromp_bench.experiments.statistics import Cell, seconds_a_clean, tabled, wilson
 from optipromp_bench.results import RECORD, BenchRun, Means, recorded, submission, zip_of
@@ -23,18 +24,36 @@ DIGESTS = "results.json"
 SLOW = 10.0  # [s] for git to answer: a choice
 
 
+@dataclass(frozen=True, kw_only=True)
+class Standing(Cell):
+    """What became of an entry's scenes in one engine, and how it compares with the best."""
+
+    entry: str
+    engine: str
+    preset: str  # empty: all
+    clean: int
+    harmed: int
+    missed: int
+    refused: int
+    errors: int
+    torn: int  # a fruit came off, or was pulled too hard
+    score: float  # harm outweighs a miss
+    thought: float
+    duration: float | None  # [s] of clean motions, way out too
+    p: float | None  # that it is clean as often as the best, see paired; None: the best itself
+
+
 @dataclass(frozen=True)
 class Leaderboard:
     """Entries on one set of scenes, the best first."""
 
     run: BenchRun  # of the first entry: track, set, condition, variation are those of all
     order: tuple[str, ...]  # names of the entries; by the smaller of their scores in the engines
-    # of every entry, engine, and preset (empty: all), see figures_of
-    standings: tuple[Cell, ...]
+    standings: tuple[Standing, ...]  # of every entry, engine and preset
     # by entry: ``entry``, ``motions`` or ``no``; see ``bench verify``
     verified: Mapping[str, Means]
 
-    def of(self, entry: str, engine: str, preset: str = "") -> Cell:
+    def of(self, entry: str, engine: str, preset: str = "") -> Standing:
         """One standing."""
         return next(
             s for s in self.standings if (s.entry, s.engine, s.preset) == (entry, engine, preset)
@@ -69,7 +88,7 @@ def leaderboard(files: Iterable[Path]) -> Leaderboard:
     run = next(iter(held.values()))[0]
     engines = run.engines
     worst = {
-        entry: min(figures_of(_chosen(rows, engine))["score"] for engine in engines)
+        entry: min(standing(_chosen(rows, engine), entry, engine).score for engine in engines)
         for entry, rows in rows_of.items()
     }
     order = sorted(rows_of, key=lambda entry: -worst[entry])
@@ -79,15 +98,16 @@ def leaderboard(files: Iterable[Path]) -> Leaderboard:
             best = _chosen(rows_of[order[0]], engine, preset)
             for entry in order:
                 own = _chosen(rows_of[entry], engine, preset)
-                figures = figures_of(own, None if entry == order[0] else best)
-                standings.append(
-                    Cell({"entry": entry, "engine": engine, "preset": preset, **figures})
-                )
+                other = None if entry == order[0] else best
+                standings.append(standing(own, entry, engine, preset, other))
     return Leaderboard(run, tuple(order), tuple(standings), {e: verified[e] for e in order})
 
 
-def figures_of(rows: Sequence[Row], best: Sequence[Row] | None = None) -> dict[str, Any]:
-    """What became of an entry's scenes, and how it compares with the ``best`` of a table."""
+def standing(
+    rows: Sequence[Row], entry: str, engine: str, preset: str = "",
+    best: Sequence[Row] | None = None,
+) -> Standing:  # fmt: skip
+    """The figures of an entry's rows, beside those of the ``best`` of a table."""
     count, runs = Counter(row.result for row in rows), len(rows)
     low, high = wilson(count["clean"], runs)
     times = [row.duration for row in rows if row.result == "clean" and row.duration]
@@ -95,20 +115,19 @@ def figures_of(rows: Sequence[Row], best: Sequence[Row] | None = None) -> dict[s
     if best is not None:
         other = {row.key: row.result == "clean" for row in best}
         p = paired([(row.result == "clean", other[row.key]) for row in rows])
-    return {
-        "runs": runs,
-        **{name: count[name] for name in ("clean", "harmed", "missed", "refused")},
-        "errors": count["error"],
-        "torn": sum(  # a fruit came off, or was pulled too hard
+    return Standing(
+        entry=entry, engine=engine, preset=preset, runs=runs, low=low, high=high,
+        clean=count["clean"], harmed=count["harmed"], missed=count["missed"],
+        refused=count["refused"], errors=count["error"],
+        torn=sum(
             r.result == "harmed" and ("torn" in r.cause or "pulled" in r.cause) for r in rows
         ),
-        "low": low, "high": high,  # 95 % interval (Wilson) of the share that is clean
-        "score": (count["clean"] - count["harmed"]) / max(runs, 1),  # harm outweighs a miss
-        "thought": median(row.thought for row in rows),
-        "duration": median(times) if times else None,  # [s] of clean motions, way out too
-        "clean_seconds": seconds_a_clean((row.duration or 0.0 for row in rows), count["clean"]),
-        "p": p,  # that it is clean as often as the best, see paired; None: the best itself
-    }  # fmt: skip
+        score=(count["clean"] - count["harmed"]) / max(runs, 1),
+        thought=median(row.thought for row in rows),
+        duration=median(times) if times else None,
+        clean_seconds=seconds_a_clean((row.duration or 0.0 for row in rows), count["clean"]),
+        p=p,
+    )  # fmt: skip
 
 
 def _chosen(rows: Sequence[Row], engine: str, preset: str = "") -> list[Row]:
@@ -155,6 +174,19 @@ def markdown(board: Leaderboard) -> str:
         tabled(f"{where}: clean, harmed by preset, %", ["entry", *by], presets),
         tabled(title, ["entry", *(f"{engine}: torn" for engine in engines)], torn),
     ])  # fmt: skip
+
+
+def picture(board: Leaderboard) -> str:
+    """The leaderboard as SVG: shares that are clean and harmed, with their 95 % intervals."""
+    shares: Shares = {"clean": {}, "harmed": {}}
+    for panel, lines in shares.items():
+        for entry in board.order:
+            told = {engine: board.of(entry, engine) for engine in board.run.engines}
+            counts = ((engine, getattr(s, panel), s.runs) for engine, s in told.items())
+            lines[entry] = {
+                engine: Share(*(100 * v for v in (k / n, *wilson(k, n)))) for engine, k, n in counts
+            }
+    return forest(shares)
 
 
 def _share(count: int, runs: int) -> str:

@@ -1,5 +1,9 @@
 """An entry works in a process of its own: it learns nothing of the judge and ends no run."""
 
+import importlib.util
+import json
+import os
+import py_compile
 import socket
 import subprocess
 import sys
@@ -10,13 +14,17 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from tests.bench import entrants as entries
 from tests.bench.entrants import HOWS, entry
 
 from optipromp import Scene
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.scenes.scene import SceneObject
 from optipromp_bench import running
+from optipromp_bench.episode import Episode
+from optipromp_bench.experiments.eyes import aimed_at, drawn_camera
 from optipromp_bench.results import BenchRun, run_bench
 from optipromp_bench.running import Exercise, attempted
 from optipromp_bench.serve import Apart, Served, dismissed
@@ -68,6 +76,46 @@ def test_a_changed_judge_is_another_ones() -> None:
     dismissed()
     assert made.result == "missed"
     assert running._judged.__name__ == "_judged"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="Linux has prctl")
+def test_an_entry_reads_no_memory_and_leaves_no_process_behind() -> None:
+    (made,), _ = attempted(replace(TASK, entry=entry(entries.Thief)))
+    dismissed()
+    left, told = made.cause.removeprefix("ValueError: ").split(" ", 1)
+    assert "Permission denied" in told
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(left), 0)
+
+
+def test_no_camera_tells_which_fruit_is_the_target() -> None:
+    for preset in ("cluster", "wild"):
+        scene, _ = scene_of(preset, 110_003)
+        ripe = next(item.id for item in scene.objects if item.role == "pushable")
+        other = aimed_at(scene, [ripe], np.zeros(3))
+        assert other.target != scene.target
+        one, same, new = (drawn_camera(*of) for of in ((scene, 5), (other, 5), (scene, 6)))
+        assert np.abs(one.position - same.position).max() < 1e-12
+        assert np.abs(one.rotation - same.rotation).max() < 1e-12
+        assert np.linalg.norm(one.position - new.position) > 0.01
+
+
+def test_detections_tell_neither_the_fruit_nor_whether_there_is_one() -> None:
+    """What a look says of a fruit, and of none, comes in no other and in no next look."""
+    setting = running.situated(replace(TASK, preset="wild", condition="detector"))[0]
+    setting = setting._replace(detector=replace(setting.detector, false=3.0))
+    episode, seen = Episode(setting, 1), dict[float, tuple[SceneObject, ...]]()
+    for _ in range(40):
+        episode.act(np.zeros(7))
+        if (look := episode.observe().look) is not None:
+            seen[look.time] = look.detections
+    every = [item for items in seen.values() for item in items]
+    assert len(seen) > 5
+    assert len(every) > len(seen) * len(setting.scene.pushables)  # some are false
+    for items in seen.values():
+        assert {item.id for item in items} == {f"seen{k}" for k in range(len(items))}
+    assert len({item.radius for item in every}) == len(every)
+    assert len({tuple(item.orientation) for item in every}) == len(every)
 
 
 @pytest.mark.parametrize(
@@ -231,17 +279,29 @@ def test_an_entry_that_cannot_be_made_is_told(
     apart: Apart, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    for name, source, word in (
+    apart.close()
+    Path("made").mkdir()
+    Path("beside.py").write_text("A = 1")
+    told = (
         ("syntax", "def (", "SyntaxError"),
         ("value", "raise ValueError('at import')", "at import"),
         ("exits", "raise SystemExit(3)", "SystemExit: 3"),
         ("maker", "class A:\n def __init__(self): raise RuntimeError('no')", "RuntimeError: no"),
         ("bare", "class A: pass", "no method plan"),
         ("void", "", "AttributeError"),
+        ("helped", "from beside import A", "No module named 'beside'"),
+        ("stale", "raise ValueError('the source')", "the source"),
         ("ends", "import os; os._exit(0)", "exit code 0"),
-    ):
-        Path(f"{name}.py").write_text(source)
-        monkeypatch.setattr(apart, "spec", f"{name}:A")
+    )
+    for name, source, _ in (*told, ("evil", "raise ValueError('bytecode')", "")):
+        Path(f"made/{name}.py").write_text(source)
+    cached, never = importlib.util.cache_from_source("made/stale.py"), "UNCHECKED_HASH"
+    py_compile.compile(
+        "made/evil.py", cached, invalidation_mode=py_compile.PycInvalidationMode[never]
+    )
+    Path("made/__init__.py").touch()
+    for name, _, word in told:
+        monkeypatch.setattr(apart, "spec", f"made.{name}:A")
         with pytest.raises(EntryError, match=word):
             apart.begin()
 
@@ -257,7 +317,7 @@ def test_a_hidden_scene_is_no_seed_away() -> None:
 PROGRAM = """
 from optipromp_bench.entries.own import Blind
 from optipromp_bench.serve import serve
-serve(Blind(), calls=1)
+serve(Blind(), calls=2)
 """
 
 
@@ -273,6 +333,12 @@ def address() -> Iterator[str]:
 
 
 def test_a_served_policy_acts_as_at_home(address: str) -> None:
+    place = "127.0.0.1", int(address.rpartition(":")[2])
+    with socket.create_connection(place) as own, own.makefile("rwb") as stream:
+        for line in (b"hello\n", b"\xff\n", b"[]\n", b'{"call": "act"}\n'):
+            stream.write(line)
+            stream.flush()
+            assert "error" in json.loads(stream.readline())
     away, _ = attempted(Exercise(address, "policy", "limp", 110_000, engines=("arm",)))
     home, _ = attempted(Exercise("blind", "policy", "limp", 110_000, engines=("arm",)))
     assert away[0].result == home[0].result == "clean"

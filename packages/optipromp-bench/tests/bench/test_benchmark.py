@@ -176,8 +176,6 @@ def test_the_paired_test_is_that_of_scipy(pairs: list[tuple[bool, bool]]) -> Non
 @pytest.mark.parametrize(
     ("arguments", "word"),
     [
-        (["--entry", "nowhere:Nobody"], "cannot be made"),
-        (["--entry", "opti-pormp"], "opti-promp"),
         (["--entry", "opti-promp", "--track", "plane"], "plan"),
         (["--entry", "opti-promp", "--condition", "storm"], "condition"),
     ],

@@ -49,22 +49,6 @@ def test_an_entry_pushes_something_aside(name: str) -> None:
     assert np.hypot(*off[low, :2].T).max() > 0.01
 
 
-def test_gentle_motions_are_slow_near_fruits() -> None:
-    scene, _ = scene_of("field", 110_002)
-    robot, state = posed(scene)
-    q = state.q + np.linspace(0.0, 1.0, 60)[:, None] * (0.2 * np.ones(robot.n_joints))
-    motion = gentle(scene, q)
-    assert against(motion, scene) == ""
-    times = np.linspace(0.0, motion.duration, 400)
-    points, _ = robot.tool_pose(motion.sample(times)[0])
-    speed = lengths(np.diff(points, axis=0)) / np.diff(times)
-    away = np.min(
-        [lengths(points - item.position) - item.radius for item in scene.objects if item.stem], 0
-    )
-    near = away[1:] < NEAR
-    assert not near.any() or speed[near].max() < 1.1 * PUSH.hanging.speed
-
-
 def test_a_refusal_names_joint_value_limit_time_and_remedy() -> None:
     scene, _ = scene_of("field", 110_002)
     robot, q = robot_of(scene), np.array(posed(scene)[1].q)

@@ -5,6 +5,8 @@ import io
 import json
 import shutil
 import struct
+import sys
+import tracemalloc
 import zipfile
 from collections.abc import Mapping
 from dataclasses import asdict, replace
@@ -129,6 +131,10 @@ def test_digests_are_of_source_class_and_package(here: Path) -> None:
     assert len({*before, entry_digest("mine:Other"), entry_digest("opti-promp")}) == 4
     Path("pack/two.py").write_text("# changed")
     assert entry_digest("pack.part.one:A") != before[0]
+    Path("pack/linked").symlink_to(Path("pack/part").absolute())
+    with pytest.raises(InvalidRequestError, match="link to a folder"):
+        entry_digest("pack.part.one:A")
+    Path("pack/linked").unlink()
     assert entry_digest("tcp:127.0.0.1:1") == ""
     for wrong, word in (
         ([], "no entries"), (["tcp:a:1"], "no source"), (["mine:Mine"] * 2, "twice"),
@@ -153,6 +159,8 @@ def test_an_entry_is_asked_again(done: Path, here: Path) -> None:
     assert bench("verify", str(path), "--workers", "1")[0] == 0  # weaker: the record stays
     assert leaderboard([path]).verified == {"mine:Mine": "entry"}
     assert "| entry |" in markdown(leaderboard([path]))
+    assert bench("table", str(path), "--plot", "board.svg")[0] == 0
+    assert ">mine:Mine</text>" in Path("board.svg").read_text()
     assert json.loads(CliRunner().invoke(app, ["bench", "table", "results", "--json"]).output)[
         "verified"
     ] == {"mine:Mine": "entry"}
@@ -343,6 +351,46 @@ def test_a_broken_folder_is_told(tmp_path: Path) -> None:
         run_bench(run, tmp_path / "file", workers=1)
 
 
+def test_no_file_of_a_run_tells_the_word_before_the_end_or_takes_another_row(
+    tmp_path: Path,
+) -> None:
+    made = draw_round([entry(entries.Still)])
+    scenes = SceneSet(made.word, ("limp",), 2)
+    run = BenchRun.of(entry(entries.Still), "plan", scenes, round=made)
+    told = list[bool]()
+
+    def say(done: int, total: int, row: object) -> None:
+        told.append(any(made.word in path.read_text() for path in tmp_path.glob("*.*")))
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        run_bench(run, tmp_path, workers=1, progress=say)
+    assert told == [False] * 3
+    rows = (tmp_path / "rows.csv").read_text()
+    (tmp_path / "rows.csv").write_text(rows.replace("missed", "clean"))
+    with pytest.raises(InvalidRequestError, match="this run did not write"):
+        run_bench(run, tmp_path, workers=1)
+    (tmp_path / "rows.csv").write_text(rows)
+    assert [row.result for row in run_bench(run, tmp_path, workers=1)] == ["missed"] * 4
+    assert made.word in (tmp_path / "run.json").read_text()
+
+
+def test_a_submission_is_not_unpacked_to_be_read(
+    done: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("optipromp_bench.tracks.SUBMISSION", 1_000_000)  # is what a read reserves
+    path = done / "submission.zip"
+    many = changed(path, tmp_path / "x.zip", **dict.fromkeys(motions(path), bytes(20_000_000)))
+    tracemalloc.start()
+    leaderboard([many])
+    assert tracemalloc.get_traced_memory()[1] < 5_000_000
+    tracemalloc.stop()
+    lines = zipfile.ZipFile(path).read("rows.csv")
+    with pytest.raises(InvalidRequestError, match="more lines than"):
+        submission(changed(path, tmp_path / "y.zip", **{"rows.csv": lines + 1000 * b"\n"}))
+
+
 def test_one_run_writes_into_a_folder(tmp_path: Path) -> None:
     run = BenchRun.of(entry(entries.Still), "plan", SceneSet("w", ("limp",), 1))
     with (
@@ -359,3 +407,7 @@ def test_names_are_whole_in_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -
     assert code == 0
     for name in ("i-promp-guard", "rrt-obstacles", "set-checked", "opti-promp"):
         assert name in told
+    assert "in the clone" not in told
+    monkeypatch.chdir("/")
+    monkeypatch.setattr("sys.path", [p for p in sys.path if not Path(p, "benchmarks").is_dir()])
+    assert bench("list")[1].count("in the clone") == 12

@@ -128,8 +128,3 @@ def test_the_drift_rule_passes_along_y() -> None:
             (item.position - scene.target.position) @ scene.frame[0] for item in task.neighbours
         ]
         assert np.abs(off[:, 0]).max() <= np.abs(fruits).max() + 1e-9
-
-
-def test_an_unknown_planner_is_refused_by_name() -> None:
-    with pytest.raises(InvalidRequestError, match="did you mean 'chomp'"):
-        attempt(generate("cluster", 1), "chom")  # type: ignore[arg-type]

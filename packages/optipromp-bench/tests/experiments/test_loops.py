@@ -14,8 +14,7 @@ from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import bare_robot
 from optipromp.core.trajectory import State, Trajectory
-from optipromp_bench.experiments import study
-from optipromp_bench.experiments.rows import STUDY, Row, row_of, rows_of
+from optipromp_bench.experiments.rows import STUDY, Row, row_of
 from optipromp_bench.experiments.statistics import ALL, loop_summary, summary, wilson
 from optipromp_bench.experiments.study import Study, run_study
 from optipromp_bench.experiments.trials import again
@@ -214,40 +213,6 @@ def test_jumps_and_rates_are_those_of_the_executed_parts() -> None:
 def test_wrong_studies_of_loops_are_refused(change, named) -> None:
     with pytest.raises(InvalidRequestError, match=named):
         small(**change)
-
-
-@pytest.fixture
-def quick(monkeypatch):
-    """Runs that cost nothing, and a list of what was run."""
-    asked = []
-
-    def run(_, preset, seed, condition, names, version):
-        asked.append((preset, seed, condition, names))
-        return [
-            replace(ROW, preset=preset, seed=seed, condition=condition, loop=name) for name in names
-        ]
-
-    monkeypatch.setattr(study, "run_trials", run)
-    monkeypatch.setattr(study, "warm_up", lambda *_: None)
-    return asked
-
-
-def test_a_study_of_loops_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
-    first = run_study(small(loops=("open",), seeds=(0, 1)), tmp_path, workers=1)
-    assert len(first) == 4
-    quick.clear()
-    wanted = small(seeds=(0, 1))
-    rows = run_study(wanted, tmp_path, workers=1)
-    assert quick == [
-        (preset, 0, condition, ("closed",))
-        for preset in ("cluster", "mixed")
-        for condition in ("none", "sway")
-    ]
-    assert [row.key for row in rows] == wanted.keys()
-    assert len(wanted) == len(rows) == 8
-    assert len(rows_of(tmp_path)) == 8
-    with pytest.raises(InvalidRequestError, match="holds rows with loops"):
-        run_study(small(loops=(), conditions=("none",)), tmp_path, workers=1)
 
 
 def test_rows_from_before_the_loops_stay_readable() -> None:

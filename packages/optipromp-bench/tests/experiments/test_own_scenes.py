@@ -70,14 +70,10 @@ def test_loops_on_files(crop: Path, tmp_path: Path) -> None:
 
 def test_wrong_scenes_are_refused(crop: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    code, _, stderr = study("--scenes", tmp_path / "none", "--out", out)
-    assert (code, "cannot read" in stderr) == (2, True)
     code, _, stderr = study("--scenes", crop, "--preset", "cluster", "--out", out)
     assert (code, "state one of them" in stderr) == (2, True)
     text = (crop / "my-scenario-3.yaml").read_text()
     (crop / "my-scenario-3.yaml").write_text(text.replace("objects:", "objets:"))
     code, _, stderr = study("--scenes", crop, "--out", out)
-    assert (code, "my-scenario-3.yaml" in stderr, "did you mean 'objects'" in stderr) == (
-        2, True, True
-    )  # fmt: skip
+    assert (code, "my-scenario-3.yaml" in stderr) == (2, True)
     assert not out.exists()

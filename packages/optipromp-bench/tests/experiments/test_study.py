@@ -17,7 +17,7 @@ from tests.experiments.rows import ROW
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp_bench.experiments import rows, study, trials
-from optipromp_bench.experiments.rows import STUDY, Row, row_of, rows_of, source_version
+from optipromp_bench.experiments.rows import STUDY, Row, locked, row_of, rows_of, source_version
 from optipromp_bench.experiments.statistics import auc, calibration, summary, wilson
 from optipromp_bench.experiments.study import (
     Study,
@@ -69,17 +69,11 @@ def test_wilson_against_published_values() -> None:
 def test_summary_counts() -> None:
     rows = [
         replace(ROW, seed=0, success=True, cause="", success_before=None),
-        replace(
-            ROW,
-            seed=1,
-            static_force=3.0,
-            cause="static_contact",
-            unripe_force=2.5,
-            causes="static_contact crushed not_picked",
-        ),
+        replace(ROW, seed=1, static_force=3.0, cause="static_contact", unripe_force=2.5,
+                causes="static_contact crushed not_picked"),
         replace(ROW, seed=2, cause="no_plan", plan_status="INVALID_PLAN", unripe_force=None),
         replace(ROW, seed=3, torn="n1 n2"),
-    ]
+    ]  # fmt: skip
     (cell,) = summary(rows)
     assert (cell.runs, cell.successes, cell.plans, cell.kept, cell.broken) == (4, 1, 3, 1, 2)
     assert cell.broken_low < cell.broken_rate == 2.0 / 3.0 < cell.broken_high
@@ -99,17 +93,10 @@ def test_summary_counts() -> None:
     "row",
     [
         ROW,
-        replace(
-            ROW,
-            picked=None,
-            unripe_force=None,
-            duration=None,
-            predicted_harm=None,
-            predicted_failure=None,
-            success=True,
-        ),
+        replace(ROW, picked=None, unripe_force=None, duration=None, predicted_harm=None,
+                predicted_failure=None, success=True),
     ],
-)
+)  # fmt: skip
 def test_a_row_outlives_its_file(row: Row, tmp_path: Path) -> None:
     row_file(small(), tmp_path).append(row)
     assert row_file(small(), tmp_path).rows == [row]
@@ -250,18 +237,6 @@ def test_a_study_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
     ]
 
 
-def test_an_interruption_keeps_the_rows_that_are_done(quick, tmp_path: Path) -> None:
-    def interrupt(done: int, total: int, row: Row | None) -> None:
-        if done == 3:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        run_study(small(), tmp_path, workers=1, progress=interrupt)
-    assert len(row_file(small(), tmp_path).rows) == 3
-    assert len(run_study(small(), tmp_path, workers=1)) == 6
-    assert len({row.key for row in row_file(small(), tmp_path).rows}) == 6
-
-
 def test_the_bars_are_promised_and_picked_and_the_dots_are_executed() -> None:
     refused = replace(ROW, success=True, plan_status="HARM_PREDICTED")
     rows = [replace(ROW, success=True), *(replace(refused, seed=k) for k in (1, 2)),
@@ -360,20 +335,8 @@ def group_lives(group: int) -> bool:
 
 def test_two_studies_cannot_write_into_one_folder(tmp_path: Path) -> None:
     wanted = Study(("cluster",), ("straight",), (0, 1))
-    hold = (
-        "import fcntl, sys; f = open(sys.argv[1], 'ab'); fcntl.flock(f, fcntl.LOCK_EX); "
-        "print(1, flush=True); input()"
-    )
-    other = subprocess.Popen(
-        [sys.executable, "-c", hold, str(tmp_path / ".lock")], text=True,
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE,
-    )  # fmt: skip
-    try:
-        other.stdout.readline()
-        with pytest.raises(InvalidRequestError, match="another study writes into"):
-            run_study(wanted, tmp_path, workers=1)
-    finally:
-        other.communicate("\n")
+    with locked(tmp_path / ".lock"), pytest.raises(InvalidRequestError, match="study writes into"):
+        run_study(wanted, tmp_path, workers=1)
     assert len(run_study(wanted, tmp_path, workers=1)) == 1
 
 

@@ -1,7 +1,6 @@
 """Pairs of detections and tracks, and which fruits a look should have seen."""
 
 from itertools import permutations
-from typing import Any
 
 import numpy as np
 import pytest
@@ -147,8 +146,6 @@ EDGE = 0.5 * np.tan(0.5)  # [m] of a cone of 1 rad
         ([[0, 0, 0.5], [0.1, 0, 0.5]], (NONE[0], BOARD), [False, True]),  # static
     ],
 )
-def test_a_fruit_outside_the_cone_or_far_or_hidden_is_not_missed(
-    places: list[list[float]], hiding: tuple[FloatArray, Any], wanted: list[bool]
-) -> None:
+def test_a_fruit_outside_the_cone_or_far_or_hidden_is_not_missed(places, hiding, wanted):
     look, radii = Look(0.0, Pose(), (), 1.0), np.full(len(places), 0.02)
     assert visible(look, np.array(places, dtype=float), radii, 0.8, hiding).tolist() == wanted

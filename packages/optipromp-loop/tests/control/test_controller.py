@@ -149,9 +149,7 @@ def blank(looks: tuple[Look, ...]) -> Iterable[Look]:
 
 
 @pytest.mark.parametrize(("filtered", "known"), [(lost, True), (blank, False)])
-def test_without_a_target_it_gives_up_away_from_the_fruits(
-    scene: Scene, filtered: Any, known: bool
-) -> None:
+def test_without_a_target_it_gives_up_away_from_the_fruits(scene, filtered, known):
     first = scene if known else without_fruits(scene)
     done = pick(Controller(first), scene, eye_of(scene), still, 40.0, filtered)
     assert_sound(done)
@@ -325,9 +323,7 @@ def failing(
 REFUSED = InvalidRequestError("nothing leads there")
 
 
-def test_a_pick_that_is_refused_is_made_anew_where_something_differs(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pick_that_is_refused_is_made_anew_where_something_differs(scene, monkeypatch):
     """The plant moves by 5 mm at 2 s; in a plant that stands still nothing is tried again."""
     failing(monkeypatch, "plan_whole", lambda count: count == 1, REFUSED)
     moves = lambda time: np.array([0.005, 0.0, 0.0]) * (time > 2.0)  # noqa: E731
@@ -339,9 +335,7 @@ def test_a_pick_that_is_refused_is_made_anew_where_something_differs(
     assert done.controller.tries == done.controller.parameters.tries - 1
 
 
-def test_where_nothing_differs_it_gives_up_where_it_stands(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_where_nothing_differs_it_gives_up_where_it_stands(scene, monkeypatch):
     failing(monkeypatch, "plan_whole", lambda _: True, REFUSED)
     done = pick(Controller(scene), scene, eye_of(scene, "perfect"))
     assert_sound(done)
@@ -351,9 +345,7 @@ def test_where_nothing_differs_it_gives_up_where_it_stands(
     assert all(state.near(State(start.q), 1e-9) for state in done.references)
 
 
-def test_an_error_of_the_program_is_not_hidden(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_of_the_program_is_not_hidden(scene, monkeypatch):
     failing(monkeypatch, "plan_whole", lambda _: True, ZeroDivisionError("a defect"))  # type: ignore[arg-type]
     with pytest.raises(ZeroDivisionError, match="a defect"):
         pick(Controller(scene), scene, eye_of(scene))
@@ -362,9 +354,7 @@ def test_an_error_of_the_program_is_not_hidden(
 @pytest.mark.parametrize(
     ("budget", "after"), [(1.0, OUT), (0.0, [LEAVE, GAVE_UP])]
 )  # fmt: skip
-def test_a_pick_whose_promise_breaks_gives_way_to_another_or_leaves(
-    scene: Scene, budget: float, after: list[LoopStage]
-) -> None:
+def test_a_pick_whose_promise_breaks_gives_way_to_another_or_leaves(scene, budget, after):
     """As the tool sets out, a fruit jumps below the target; without a budget of harm it leaves."""
     begun, first = list[bool](), scene.pushables[0].id
 

@@ -154,9 +154,7 @@ def test_an_arm_that_stands_stands(made: Plan) -> None:
     assert drive.state(3.0).q == pytest.approx(away, abs=1e-9)
 
 
-def test_an_arm_that_reaches_nothing_waits_where_it_is_until_the_plant_comes_back(
-    made: Plan,
-) -> None:
+def test_an_arm_that_reaches_nothing_waits_where_it_is_until_the_plant_comes_back(made):
     drive, far = driver(made), seen(made.scene, np.array([2.0, 0.0, 0.0]))
     stood = drive.set_out(Route.of(made), 0.0, far)
     assert np.ptp(stood.curve.positions, axis=0).max() < 1e-9

@@ -172,9 +172,7 @@ SIZES = st.floats(-1.0, 1.0, width=32)
     arrays(float, (f, 3), elements=SIZES), arrays(float, (f, 3), elements=SIZES),
     arrays(float, (4, 3), elements=st.floats(-30.0, 30.0, width=32)),
 )))  # fmt: skip
-def test_a_displacement_is_a_mean_of_those_of_fruits(
-    given: tuple[FloatArray, FloatArray, FloatArray],
-) -> None:
+def test_a_displacement_is_a_mean_of_those_of_fruits(given):
     places, moved, points = given
     field = Displacement(places, lambda t: np.tile(moved, (len(t), 1, 1)))
     found = field.at(points, np.zeros(4))

@@ -10,6 +10,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.pushing import Hanging
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP
+from optipromp.core.pushing.stems.hanging import after
 from optipromp.core.scenes.scene import Scene
 from optipromp_loop.guard.motion import sampled
 from optipromp_sim.generate import NOISES, generate, noisy
@@ -58,14 +59,14 @@ def test_a_push_that_goes_on_is_the_push_of_the_whole_motion(preset: str, share:
         on, out, seen_one, at = model, model.leaving(0), model, 0
         for step in steps:
             part = slice(at, every * step + 1)
-            on = on.after(points[part], axes[part], STATES)
-            out = out.after(points[part], axes[part], STATES)
-            seen_one = seen_one.after(points[part], axes[part], 1)
+            on = after(on, points[part], axes[part], STATES)
+            out = after(out, points[part], axes[part], STATES)
+            seen_one = after(seen_one, points[part], axes[part], 1)
             at = every * step
         rest, there = slice(at, turn + 1), slice(at, None)
         assert on.harm(points[rest], axes[rest], STATES) == pytest.approx(whole, abs=1e-9)
         assert on.harm(points[rest], axes[rest], STATES, 0.5 * whole) > 0.5 * whole
-        begun = model.after(points[:1], axes[:1], STATES).harm(
+        begun = after(model, points[:1], axes[:1], STATES).harm(
             points[: turn + 1], axes[: turn + 1], 4
         )
         assert on.harm(points[rest], axes[rest], 4) == pytest.approx(begun, abs=1e-9)

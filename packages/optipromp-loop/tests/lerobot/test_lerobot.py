@@ -46,10 +46,7 @@ GOALS = {  # of free scenes: a place within the limits
     "so101": [-0.1] * 5,
 }
 MODELS = Path("cmeel.prefix/share/example-robot-data/robots")
-FILES = {
-    "xarm7": "xarm_description/urdf/xarm7.urdf",
-    "so101": "so_arm_description/urdf/so101.urdf",
-}
+FILES = {"xarm7": "xarm_description/urdf/xarm7.urdf", "so101": "so_arm_description/urdf/so101.urdf"}
 SO101 = "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"
 
 

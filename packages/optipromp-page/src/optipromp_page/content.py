@@ -24,15 +24,14 @@ from optipromp.core.pushing.searching import search
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import TOOLS
 from optipromp.core.scenes.objects import rooted
-from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject, ToolSpec
+from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject, ToolSpec, packed
 from optipromp.looks.appearance import rgb
-from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, Placed, shown_at
+from optipromp.looks.viewer.drawn import FOLLOWED, GREEN, OPTIMISED, RED, PushedPlaces, pushed
 
 # choices for the eye
 SAMPLES, ROWS = 24, 60  # trajectories of the bundle, waypoints of each
 CANDIDATES = 40  # tool paths, at most
 SEARCHING = 1.0  # [s] of the repeated search, at most
-KEYS = 16  # moments at which the push is predicted
 WIDE = 2.0  # standard deviations within a tube
 RED_AT, GREEN_AT = 0.0, 0.05  # [m] clearance
 CHART_ROWS = 120  # times of a chart
@@ -165,41 +164,12 @@ def clearances(scene: Scene, robot: Robot, q: FloatArray) -> Clearances:
         if not len(rows) or not mine.any():
             continue
         points = centers[:, mine].reshape(-1, 3)
-        found = distances(scene.packed(rows), points)[0].min(axis=1)
+        found = distances(packed(scene, rows), points)[0].min(axis=1)
         found = found.reshape(len(q), -1) - radius[mine]
         series[words] = found.min(axis=1)
         if words != "tool to avoid":
             nearest[:, mine] = np.minimum(nearest[:, mine], found)
     return Clearances(nearest, series)
-
-
-@dataclass(frozen=True, eq=False)
-class PushedPlaces:
-    """The predicted ``places`` of the objects at each of the ``times`` [s]."""
-
-    times: FloatArray
-    places: tuple[tuple[Placed, ...], ...]
-
-    def at(self, now: float) -> tuple[Placed, ...]:
-        """The places nearest in time."""
-        return self.places[int(np.abs(self.times - now).argmin())]
-
-    def shifts(self) -> dict[str, float]:
-        """The largest distance by which each object is pushed, by id [m]."""
-        of_each = zip(*self.places, strict=True)  # object, in time; the target goes with the tool
-        pushed = (row for row in of_each if row[0].item.role != "target")
-        return {row[0].item.id: max(each.shift for each in row) for row in pushed}
-
-
-def pushed(made: Plan | Picked) -> PushedPlaces:
-    """The predicted places of the scene's objects along a plan or a pick."""
-    (plan, *later), end = legs_of(made).values(), curve_of(made).duration
-    last = plan.trajectory.n_waypoints - 1
-    pushes = plan.push_model is not None
-    rows = np.linspace(plan.first, last, KEYS).round().astype(int) if pushes else [0]
-    times = plan.trajectory.times[np.unique(np.append(0, rows))]
-    times = np.append(times, np.linspace(plan.duration, end, KEYS * len(later) + 1)[1:])
-    return PushedPlaces(times, tuple(shown_at(made, float(time)) for time in times))
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,10 +20,10 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.looks.appearance import SEE_THROUGH, colour_of, hex_colour
 from optipromp.looks.viewer.drawn import GREEN, OPTIMISED, PRIMITIVE, RED, motions
+from optipromp.looks.viewer.sentences import sentences
 from optipromp.looks.viewer.words import head, plan_rows, sentence, without_codes
 from optipromp_eyes.eyes import RIPE, STEM, UNRIPE
 from optipromp_page.content import GREEN_AT, Chart
-from optipromp_page.sentences import sentences
 from optipromp_page.stage import AHEAD, BACK, SIDE, SPREAD, SURE, UNSURE, Replay
 from optipromp_sim.simulation.files import LoopRecord
 

@@ -24,9 +24,9 @@ from optipromp.core.promp import ProMP
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.looks.viewer.drawn import conditioned_on, held, moment
+from optipromp.looks.viewer.sentences import complaint
 from optipromp.looks.viewer.words import seconds, without_codes
 from optipromp_page import content
-from optipromp_page.sentences import complaint
 from optipromp_page.stage import ROLLOUTS_APART, PlanNodes, Replay, Source, View, execute
 from optipromp_page.tabs import Told, Tone, of_error, of_plan, of_runs
 

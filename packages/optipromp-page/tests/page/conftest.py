@@ -34,10 +34,7 @@ def opener(
     ends = ExitStack()
 
     def open_page(
-        source: Any = None,
-        page: Any = None,
-        out: Path | None = None,
-        **screen: Any,
+        source: Any = None, page: Any = None, out: Path | None = None, **screen: Any
     ) -> Opened:
         if page is None:
             page = Page(source, out=out or tmp_path_factory.mktemp("saved"))

@@ -13,9 +13,9 @@ from optipromp.core.judging import Violation
 from optipromp.core.planning import Plan
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.appearance import hex_colour, object_parts
+from optipromp.looks.viewer.sentences import complaint, sentences
 from optipromp.looks.viewer.words import WORDS, head, without_codes
 from optipromp_page import content, stage, tabs
-from optipromp_page.sentences import complaint, sentences
 from optipromp_page.tabs import legend, planned, replayed, things
 from optipromp_sim.generate import generate
 
@@ -123,24 +123,6 @@ def test_the_first_view_frames_target_neighbours_and_tool(name: str, size: tuple
     assert v.min() >= 0.0 and v.max() <= high  # noqa: PT018
     assert max(np.ptp(u) / wide, np.ptp(v) / high) > 0.6  # near, not the whole room
     assert (scene.base.inverse() @ camera.position) @ scene.up >= stage.CAMERA_LOWEST - 1e-9
-
-
-def test_a_view_is_framed_until_it_arrives_then_for_each_size_until_it_is_turned() -> None:
-    """A page tells its size after it opens, and one that opens may not hear of its first view."""
-    camera, scene = _Camera(1280, 800), load_scene("scenario-3")
-    stage.View(camera, lambda _, job: job()).look(scene)
-    desk = camera.position
-    camera.report(position=np.zeros(3))
-    assert np.array_equal(camera.position, desk)
-    camera.report(image_width=400)
-    assert not np.array_equal(camera.position, desk)
-    for width in (400, 1280):
-        camera.report(position=np.ones(3), image_width=width)
-        assert np.array_equal(camera.position, np.ones(3))
-    stage.View(camera, lambda _, job: job()).look(scene)
-    for _ in range(stage.AIMS + 1):
-        camera.report(position=np.zeros(3))
-    assert np.array_equal(camera.position, np.zeros(3))  # it is not placed for ever
 
 
 class _Camera:

@@ -93,7 +93,6 @@ class Chomp:
         around = avoiding(task).surroundings
         return Problem(
             task.robot, around, costs, (), waypoints, cutoff=self.epsilon + 1e-3, end_fixed=True,
-            body=task.body,
         )  # fmt: skip
 
 

@@ -107,9 +107,7 @@ def functional_values(
 ) -> dict[str, float]:
     """The values of the functionals at a trajectory ``q`` (T, n), by name."""
     terms, cutoff = weighted(task, options, first), options.epsilon
-    problem = Problem(
-        task.robot, task.surroundings, terms, (), len(q), cutoff=cutoff, body=task.body
-    )
+    problem = Problem(task.robot, task.surroundings, terms, (), len(q), cutoff=cutoff)
     return problem.evaluate(q).costs
 
 

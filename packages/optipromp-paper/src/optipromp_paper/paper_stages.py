@@ -49,7 +49,7 @@ from optipromp.core.planning.task import Task, pushed_aside, stands
 from optipromp.core.planning.timing import paced, timed
 from optipromp.core.planning.verdict import judged
 from optipromp.core.promp.model import ProMP
-from optipromp.core.pushing.rules import Drift, detection_variance, drift_choices
+from optipromp.core.pushing.rules import Drift, DriftRule, detection_variance, drift_choices
 from optipromp.core.scenes.scene import JointGoal, PoseGoal
 from optipromp.core.trajectory import Trajectory
 from optipromp_paper.paper_costs import PaperSettings, paper_violations, weighted
@@ -171,7 +171,7 @@ class Posed:
         cutoff = max(options.epsilon, options.static_clearance, options.avoid_clearance)
         return Problem(
             task.robot, task.surroundings, terms, constraints, self.waypoints.count,
-            cutoff=cutoff + 1e-3, end_fixed=ends, body=task.body,
+            cutoff=cutoff + 1e-3, end_fixed=ends,
         )  # fmt: skip
 
 
@@ -223,8 +223,23 @@ def posed_problems(
         via = tuple(map(ViaPoint, names[-len(met) :], met))
         yield [
             Posed(task, options, waypoints, drift, offsets, via, q, points)
-            for drift in drift_choices(task.scene, task.neighbours, options.drift, window="paper")
+            for drift in paper_choices(task, options.drift)
         ]
+
+
+def paper_choices(task: Task, rule: DriftRule) -> list[Drift]:
+    """The choices of sides, each pushable's window being its own extent along z_g."""
+    half = np.array([item.extent(task.scene.frame[2]) for item in task.neighbours])
+    windows = np.column_stack([-half, half])
+    return [
+        replace(drift, windows=windows)
+        for drift in drift_choices(task.scene, task.neighbours, rule)
+    ]
+
+
+def at_phase(count: int, phase: float) -> Waypoints:
+    """``count`` waypoints, of which the first at or after a phase is the first on the path."""
+    return Waypoints(count, int(np.ceil(phase * (count - 1) - 1e-9)))
 
 
 def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
@@ -236,7 +251,7 @@ def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     reach = values[0] - task.start
     if len(values) == 1:
         count = options.waypoints or free_count(reach, options.max_step)
-        return Waypoints.at_phase(count, options.camera_phase or 0.5)
+        return at_phase(count, options.camera_phase or 0.5)
     tools = task.robot.tool_pose(values)[0]
     path = float(np.linalg.norm(np.diff(tools, axis=0), axis=1).sum())
     moved = float(np.abs(np.diff(values, axis=0)).max(axis=1).sum())
@@ -248,7 +263,7 @@ def spaced(task: Task, options: PaperSettings, values: FloatArray) -> Waypoints:
     )
     count = options.waypoints or within_limits(10 * np.ceil((before + after) / 10))
     phase = min(max(0.2, before / (before + after)), 0.75)
-    return Waypoints.at_phase(count, options.camera_phase or phase)
+    return at_phase(count, options.camera_phase or phase)
 
 
 def further(task: Task, seed: int, known: FloatArray) -> FloatArray:

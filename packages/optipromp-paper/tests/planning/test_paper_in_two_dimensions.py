@@ -6,8 +6,8 @@ import pytest
 from optipromp.core.errors import Code
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import resolve
-from optipromp.core.pushing.rules import drift_choices
 from optipromp.core.scenes import Scene, SceneObject
+from optipromp_paper.paper_stages import paper_choices
 from optipromp_sim.generate import generate
 
 HAND = 0.04  # [m] R_gripper of the Franka hand
@@ -28,7 +28,7 @@ def made(request: pytest.FixtureRequest) -> Plan:
 def test_the_window_of_a_pack_is_its_depth_not_its_height() -> None:
     scene = generate("shelf", 7)
     task = resolve(scene)
-    for drift in drift_choices(scene, task.neighbours, "paper", window="paper"):
+    for drift in paper_choices(task, "paper"):
         for item, window in zip(task.neighbours, drift.windows, strict=True):
             half = depth(item, scene)
             assert window == pytest.approx([-half, half], abs=1e-4)

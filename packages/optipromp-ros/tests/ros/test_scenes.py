@@ -19,15 +19,7 @@ from optipromp.core.geometry import (
     Sphere,
 )
 from optipromp.core.planning.task import posed
-from optipromp.core.scenes import (
-    Approach,
-    Pose,
-    Scene,
-    SceneObject,
-    Stem,
-    load_scene,
-    scene_names,
-)
+from optipromp.core.scenes import Approach, Pose, Scene, SceneObject, Stem, load_scene, scene_names
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp_ros import (
     LiveScene,

@@ -15,6 +15,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.robots import ik
 from optipromp.core.robots.ik import rolled
 from optipromp.core.scenes import Scene, load_scene, save_scene, scene_to_dict
+from optipromp.core.scenes.scene import obstacles_of
 from optipromp_sim.generate import PRESETS, generate, generator
 from optipromp_sim.generate.checks import segments, unsolvable
 from optipromp_sim.generate.shelves import Footprint, apart
@@ -155,7 +156,7 @@ def test_every_count_and_every_side_come_up() -> None:
 
 def test_the_gutter_is_as_near_as_drawn(scenes) -> None:
     for scene in of(scenes, "table-top", "mixed"):
-        away, _ = distances(scene.obstacles("static"), scene.target.position[None])
+        away, _ = distances(obstacles_of(scene, "static"), scene.target.position[None])
         assert 0.03 - 1e-9 <= away.min() <= 0.08 + 1e-9
 
 
@@ -216,7 +217,7 @@ def test_packs_stand_apart_on_their_board_before_the_target(scenes) -> None:
                 flat = obj.shape.radius * np.stack([np.cos(turn), np.sin(turn)], axis=1)
             outlines.append(obj.position[:2] + flat)
             for wall in scene.static:
-                away, _ = distances(scene.obstacles("static"), obj.position[None])
+                away, _ = distances(obstacles_of(scene, "static"), obj.position[None])
                 assert away.min() > 0, wall.id
         for one, other in itertools.combinations(outlines, 2):
             assert np.linalg.norm(one[:, None] - other[None], axis=2).min() > 0.0

@@ -153,8 +153,7 @@ def test_roots_follow_their_motion_and_fruits_begin_with_it(bench: Bench) -> Non
 
 def test_torn_and_held_fruits_are_told_apart_on_moving_roots(bench: Bench) -> None:
     scene = bench.scene(
-        bench.fruit("ripe", (0.0, 0.0, 0.5)),
-        bench.fruit("green", (0.1, 0.0, 0.5), role="pushable"),
+        bench.fruit("ripe", (0.0, 0.0, 0.5)), bench.fruit("green", (0.1, 0.0, 0.5), role="pushable")
     )
     simulation = Simulation(scene, 1, disturbance(sway=0.01), q=FAR)
     data, world = simulation.data, simulation.world

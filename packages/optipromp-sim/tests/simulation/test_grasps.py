@@ -25,6 +25,9 @@ from optipromp.core.trajectory import Trajectory
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import Cause, simulate
 
+QUARTER = float(np.cos(np.pi / 4.0))  # of a quaternion of a quarter turn
+
+
 TALL = {  # a fruit fits between its blades
     "opening": 0.06, "blade_length": 0.09, "blade_width": 0.016, "depth": 0.008,
 }  # fmt: skip
@@ -186,3 +189,12 @@ def test_a_mount_undoes_a_turned_flange() -> None:
     assert made.success, made.message
     run = simulate(made)
     assert run.success, run.outcome.message
+
+
+def test_a_mounted_scissor_is_a_scissor() -> None:
+    scene = above(replace(alone(generate("limp", 3)), tool=SHEAR), 0.032)
+    mount = (0.0, 0.0, 0.01), (QUARTER, 0.0, 0.0, QUARTER)
+    run = simulate(plan(replace(scene, tool=ToolSpec("scissor", {**TALL, "mount": mount}))))
+    assert run.outcome.picked
+    assert isinstance(run.robot.tool, Mounted)
+    assert isinstance(run.robot.tool.tool, Scissor)

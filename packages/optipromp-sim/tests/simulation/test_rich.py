@@ -7,7 +7,6 @@ from tests.loaded import script
 from optipromp.core.errors import InvalidRequestError
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.photograph import PhotoParameters, photograph
-from optipromp_sim.simulation.studio import _unbroken
 
 shapes = script("shapes").shapes
 
@@ -49,12 +48,6 @@ def test_a_third_of_the_stems_ends_is_visible():
             near = taken.mask(item.id, "stem")[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2]
             visible, count = visible + bool(x >= 0 and y >= 0 and near.any()), count + 1
     assert 0.2 < visible / count < 0.45  # StrawDI: 0.33
-
-
-def test_a_skin_has_no_seam():
-    turns = _unbroken(np.array([[0.49, -0.48, -0.5], [0.1, 0.2, 0.15]]))
-    assert np.ptp(turns, axis=1).max() < 0.11
-    np.testing.assert_allclose(turns % 1.0, np.array([[0.49, 0.52, 0.5], [0.1, 0.2, 0.15]]))
 
 
 def test_shapes_have_their_truth_and_repeat():

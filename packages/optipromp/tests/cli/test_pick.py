@@ -100,10 +100,7 @@ def test_without_a_tool_or_a_target_a_reach_is_planned(tmp_path: Path) -> None:
     target = scene.target
     goal = PoseGoal(target.position, np.array([0.0, 0.0, 1.0]))
     kept = tuple(item for item in scene.objects if item is not target)
-    scenes = {
-        "bare": replace(scene, tool=None),
-        "empty": replace(scene, objects=kept, goal=goal),
-    }
+    scenes = {"bare": replace(scene, tool=None), "empty": replace(scene, objects=kept, goal=goal)}
     for name, one in scenes.items():
         save_scene(one, tmp_path / f"{name}.yaml")
         done = invoke("plan", tmp_path / f"{name}.yaml", "--no-figures", "--json")

@@ -57,9 +57,11 @@ def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
 
 
 def test_the_report_for_people_says_whether_the_plan_holds() -> None:
-    code, stdout, _ = call("plan", "scenario-4")
+    code, stdout, _ = call("plan", "scenario-4", "--details")
     assert code == 0
     assert "success" in stdout
+    assert re.search(r"Passes n\d at \d+ mm, pushes it \d+ mm aside, no harm\.", stdout)
+    assert "Then leaves the plant with it" in stdout
     way = r"M_p n1 +[+-]\d+\.\d mm \(x_g [+-]\d+\.\d\); its stem leans by [+-]\d"
     assert re.search(way, stdout)
     assert "clearance, static" in stdout
@@ -135,7 +137,9 @@ def test_a_failed_plan_prints_why_and_nothing_else(tmp_path: Path) -> None:
     code, stdout, _ = call("plan", "scenario-1", "--out", str(tmp_path), "--no-figures")
     assert (code, len(stdout.splitlines())) == (1, 3)
     assert stdout.splitlines()[-1].startswith("wrote trajectory.csv")
-    assert "clearance, static" in call("plan", "scenario-4")[1]  # a success has its figures
+    stdout = call("plan", "scenario-4")[1]
+    assert "Reaches the target in" in stdout
+    assert "M_c" not in stdout  # figures are details
 
 
 def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
@@ -149,10 +153,7 @@ def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
         "from optipromp.cli.main import main; main()"
     )
     found = {}
-    for name, options in {
-        "both": ("--json", "--progress"),
-        "pipe": (),
-    }.items():
+    for name, options in {"both": ("--json", "--progress"), "pipe": ()}.items():
         words = [sys.executable, "-c", slow, "plan", "scenario-4", *options]
         done = subprocess.run(words, capture_output=True, text=True, check=True)
         found[name] = done.stderr

@@ -126,10 +126,7 @@ def broken(kind: str) -> None:
             np.savez(path, positions=MOTION * 1e300, joint_names=NAMES)
 
 
-@pytest.mark.parametrize(
-    "kind",
-    ["objects", "cut", "flipped", "encrypted", "bomb", "pipe", "huge"],
-)
+@pytest.mark.parametrize("kind", ["objects", "cut", "flipped", "encrypted", "bomb", "pipe", "huge"])
 def test_demonstrations(folder: Path, kind: str) -> None:
     broken(kind)
     refused(

@@ -2,12 +2,7 @@
 
 import numpy as np
 import pytest
-from tests.execution.arms import (
-    PANDA,
-    PERIOD,
-    Controlled,
-    once,
-)
+from tests.execution.arms import PANDA, PERIOD, Controlled, once
 from tests.execution.streams import WHOLE, between, giving, quiet, rest, wanted
 
 from optipromp.core.errors import InvalidRequestError

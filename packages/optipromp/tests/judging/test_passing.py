@@ -178,6 +178,13 @@ def test_where_no_stem_decides_the_side_that_is_passed_counts(stem, y, gantry):
     assert (metrics.stem_gap["n"] is None) == (stem is None)
 
 
+@pytest.mark.parametrize("fruit", [[0.0, 0.0, 0.9], [0.0, -0.4, 0.6]])
+def test_what_is_not_passed_or_far_off_has_no_shortfall(fruit: Any, gantry: Robot) -> None:
+    metrics = passages(gantry, (0.0, 0.05, 0.2), lambda h: (0.0, 0.0), np.array(fruit)).metrics
+    assert metrics.drift_shortfall["n"] is None
+    assert metrics.stem_gap["n"] is None
+
+
 def test_the_papers_constraints_as_a_check(gantry: Robot) -> None:
     """Each breach names the fruit; a plan that keeps both has none."""
     rows: list[tuple[float, list[str]]] = [

@@ -7,19 +7,12 @@ import numpy as np
 import pytest
 
 from optipromp.core.geometry import Box, Cylinder
-from optipromp.core.geometry.faces import revolve, sphere
+from optipromp.core.geometry.faces import sphere
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import Tool, load_robot
 from optipromp.core.robots.tools import TOOL_LINK, Cup, FrankaHand, with_tool
 from optipromp.core.scenes import Stem, load_scene
-from optipromp.looks.appearance import (
-    arm_parts,
-    coarser,
-    scene_parts,
-    scenery,
-    shape_faces,
-    triangles,
-)
+from optipromp.looks.appearance import arm_parts, coarser, scene_parts, scenery, shape_faces
 
 SCENES = [f"scenario-{k}" for k in (1, 2, 3, 4)]
 
@@ -121,25 +114,6 @@ def test_stems_of_one_height_hang_from_a_gutter() -> None:
 def test_a_floor_of_kilometres_is_drawn_with_few_faces() -> None:
     for shape in (Box((1e4, 1e4, 0.1)), Cylinder(0.1, 1e6)):
         assert len(shape_faces(shape, np.zeros(3), np.eye(3))) < 50_000
-
-
-def test_what_grows_upwards_does_not_hang() -> None:
-    scene = load_scene("scenario-3")
-    upright = [
-        replace(item, stem=Stem(np.array([item.position, item.position - [0.0, 0.0, 0.2]])))
-        for item in scene.objects
-        if item.stem is not None
-    ]
-    assert [part.name for part in scenery(replace(scene, objects=tuple(upright)))] == ["floor"]
-
-
-def test_round_surfaces_share_corners_and_edges_do_not() -> None:
-    ball, _ = triangles(sphere(np.zeros(3), 1.0, 28))
-    assert len(ball) == 13 * 28 + 2
-    rod = revolve(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]]), 24)
-    vertices, faces = triangles(rod)
-    assert len(vertices) == 2 * (2 * 24 + 1)  # each rim twice
-    assert len(faces) == 4 * 24
 
 
 def test_a_coarser_mesh_is_smaller_and_where_it_was() -> None:

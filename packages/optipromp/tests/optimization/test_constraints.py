@@ -9,12 +9,7 @@ import pytest
 from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.joints import LimitCost, StepCost
 from optipromp.core.optimization.costs.obstacles import ClearanceCost, SelfCost
-from optipromp.core.optimization.costs.tool import (
-    CorridorCost,
-    GoalCost,
-    LevelCost,
-    UprightCost,
-)
+from optipromp.core.optimization.costs.tool import CorridorCost, GoalCost, LevelCost, UprightCost
 
 UP = np.array([0.0, 0.0, 1.0])
 SATISFIED = (

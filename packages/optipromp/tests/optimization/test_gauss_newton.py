@@ -42,10 +42,7 @@ def test_reaches_a_goal_from_a_standstill(panda: Any) -> None:
 
 def test_never_ends_above_where_it_began(panda: Any) -> None:
     terms = [ObstacleCost("static", 1.0, 0.05, "sum"), VelocityCost(0.1), SmoothnessCost(1e-4)]
-    kept = [
-        ClearanceCost("touch", "static", 1e4, 0.02),
-        StepCost(1e4, np.full(7, 0.05)),
-    ]
+    kept = [ClearanceCost("touch", "static", 1e4, 0.02), StepCost(1e4, np.full(7, 0.05))]
     problem = panda.problem(terms, kept, end_fixed=True)
     before = problem.evaluate(panda.q)
     gradient = np.linalg.norm(problem.gradient())
@@ -64,14 +61,6 @@ def test_cost_and_penalty_make_the_merit_at_any_stiffness(panda: Any) -> None:
     assert soft.penalty == pytest.approx(stiff.penalty, rel=1e-12)
     for value, scale in ((soft, 0.02), (stiff, 1.0)):
         assert value.merit == pytest.approx(value.cost + scale * value.penalty, rel=1e-12)
-
-
-def test_a_value_that_is_known_is_not_asked_for_again(panda: Any) -> None:
-    problem = to_goal(panda, np.array([0.3, 0.2, 0.5]))
-    plain = solve(problem, panda.q, ONE_STAGE)
-    known = solve(problem, panda.q, ONE_STAGE, value=problem.evaluate(panda.q))
-    np.testing.assert_array_equal(known.q, plain.q)
-    assert known.history == plain.history
 
 
 @pytest.mark.parametrize(("penalty", "keeps"), [(0.0, True), (0.29, True), (0.31, False)])

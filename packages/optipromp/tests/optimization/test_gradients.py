@@ -8,15 +8,9 @@ import pytest
 from tests.optimization.terms import CONSTRAINTS, FRAME, TERMS, constraints, terms
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.optimization.costs.joints import (
-    VelocityCost,
-)
+from optipromp.core.optimization.costs.joints import VelocityCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost, SelfCost
-from optipromp.core.optimization.costs.tool import (
-    CorridorCost,
-    GoalCost,
-    UprightCost,
-)
+from optipromp.core.optimization.costs.tool import CorridorCost, GoalCost, UprightCost
 from optipromp_paper.paper import PushCost
 
 

@@ -10,13 +10,7 @@ from hypothesis import strategies as st
 
 from optipromp.core.errors import Code
 from optipromp.core.planning import Plan, PlanOptions, goals, plan
-from optipromp.core.planning.follow import (
-    FOLLOW,
-    Start,
-    braked,
-    conditioned,
-    starts,
-)
+from optipromp.core.planning.follow import FOLLOW, Start, braked, conditioned, starts
 from optipromp.core.planning.primitive import learnt
 from optipromp.core.planning.task import Task, resolve
 from optipromp.core.promp.model import ProMP

@@ -9,9 +9,7 @@ import pytest
 from tests.planning.builders import END, UP, assert_success, block, without
 
 from optipromp.core import judging
-from optipromp.core.errors import (
-    Code,
-)
+from optipromp.core.errors import Code
 from optipromp.core.geometry import Box, Sphere
 from optipromp.core.planning import PLANNERS, PlanOptions, collision, goals, plan
 from optipromp.core.planning.task import resolve

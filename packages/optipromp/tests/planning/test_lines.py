@@ -12,14 +12,8 @@ from tests.planning.builders import assert_success, beside_a_box
 from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.planning import Plan, judge, plan
-from optipromp.core.scenes import (
-    Lines,
-    Pose,
-    Scene,
-    save_scene,
-    scene_from_dict,
-    scene_to_dict,
-)
+from optipromp.core.planning.options import PlanOptions
+from optipromp.core.scenes import Lines, Pose, Scene, save_scene, scene_from_dict, scene_to_dict
 from optipromp.core.trajectory import Trajectory
 
 HALF = math.sqrt(0.5)
@@ -109,6 +103,14 @@ def test_a_turn_in_place() -> None:
         {"position": LAST, "orientation": [0, 1, 0, 0]},
     )
     assert "is turned" in judge(other, made.trajectory).message
+
+
+def test_a_free_axis_and_a_duration() -> None:
+    free = scene([{"position": CORNERS[0], "axis": "free"}], {"position": LAST, "axis": "free"})
+    made = plan(free, options=PlanOptions(duration=6.0))
+    assert_success(made)
+    assert made.trajectory.duration == pytest.approx(6.0)
+    assert made.metrics.goal_axis_error is None
 
 
 def test_a_start_at_the_first_way_point_and_at_the_goal() -> None:

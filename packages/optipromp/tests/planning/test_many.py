@@ -113,10 +113,6 @@ def test_failures_are_values_in_their_places(tmp_path: Path) -> None:
     assert isinstance(results[4], InvalidSceneError)
 
 
-def test_nothing_to_plan() -> None:
-    assert plan_many([]) == []
-
-
 def test_wrong_requests_are_refused_before_anything_is_planned() -> None:
     with pytest.raises(InvalidRequestError, match="workers is 0"):
         plan_many(["scenario-3"], workers=0)

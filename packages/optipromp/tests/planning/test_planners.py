@@ -16,15 +16,7 @@ from optipromp.cli.main import app
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.output import load_plan, write_plan
-from optipromp.core.planning import (
-    Failed,
-    IProMP,
-    OptiProMP,
-    Planned,
-    PlanOptions,
-    plan,
-    plan_many,
-)
+from optipromp.core.planning import Failed, IProMP, OptiProMP, Planned, PlanOptions, plan, plan_many
 from optipromp.core.planning import planners as planner
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.result import Answer, Proposal

@@ -13,12 +13,7 @@ from numba import njit
 from tests.planning.builders import END, assert_success, block
 
 from optipromp.core import judging
-from optipromp.core.errors import (
-    Code,
-    InvalidRequestError,
-    InvalidSceneError,
-    StartInvalidError,
-)
+from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.core.geometry import Box, Sphere
 from optipromp.core.optimization import kernels
 from optipromp.core.optimization.costs import Cost

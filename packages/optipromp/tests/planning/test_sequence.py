@@ -11,6 +11,7 @@ from optipromp import load_plan, plan_pick, plan_sequence, simulate
 from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Sphere
+from optipromp.core.planning.leg_tasks import aimed
 from optipromp.core.planning.sequence import HARMLESS
 from optipromp.core.scenes import Scene, save_scene
 from optipromp_sim.generate import generate
@@ -38,7 +39,7 @@ def test_three_ripe_fruits_are_picked_and_nothing_is_harmed(bunch: Scene) -> Non
 
 def test_the_first_pick_is_the_least_harmful_one_and_then_the_quickest(bunch: Scene) -> None:
     found = plan_sequence(bunch, RIPE)
-    alone = {id_: plan_pick(bunch.aimed(id_)) for id_ in RIPE}
+    alone = {id_: plan_pick(aimed(bunch, id_)) for id_ in RIPE}
     harm = {id_: max(leg.harm for leg in made.legs.values()) for id_, made in alone.items()}
     first = min(RIPE, key=lambda id_: (max(harm[id_], HARMLESS), alone[id_].duration))
     assert found.order[0] == first

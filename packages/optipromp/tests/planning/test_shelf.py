@@ -1,12 +1,11 @@
 """Plans of a hand through packs on a shelf, as the judge sees them."""
 
-import numpy as np
 import pytest
 
 from optipromp.core import judging
 from optipromp.core.errors import Code
 from optipromp.core.planning import plan
-from optipromp.core.planning.task import pushed_aside, resolve
+from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import Scene
 from optipromp_sim.generate import generate
 
@@ -26,14 +25,3 @@ def test_a_link_where_a_pack_stood_makes_no_plan_invalid(scene: Scene) -> None:
     for note in again.notes:
         assert "stood" in note
         assert note in made.message
-
-
-def test_without_packs_only_they_are_gone(scene: Scene) -> None:
-    task = resolve(scene)
-    freed = pushed_aside(task)
-    assert not freed.scene.pushables
-    assert freed.scene.static == scene.static
-    assert freed.scene.target == scene.target
-    assert len(freed.surroundings.dynamic.kind) == len(scene.avoid)
-    for kept, before in zip(freed.surroundings.static, task.surroundings.static, strict=True):
-        np.testing.assert_equal(kept, before)

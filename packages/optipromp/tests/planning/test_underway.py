@@ -85,10 +85,7 @@ def test_the_tool_stays_slow_among_fruits(before: Plan, share: float, by: Any) -
     """Whether what runs is led to a target that moved, or another motion begins."""
     at = share * before.trajectory.duration
     scene = shifted(before.scene, np.array(by))
-    again = (
-        plan(scene, previous=before, at=at),
-        plan(scene, start_state=before.trajectory.at(at)),
-    )
+    again = (plan(scene, previous=before, at=at), plan(scene, start_state=before.trajectory.at(at)))
     for after in again:
         speed = after.metrics.approach_speed
         assert speed is None or speed <= PUSH.hanging.speed * 1.08

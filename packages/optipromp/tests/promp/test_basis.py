@@ -65,3 +65,8 @@ def test_refuses(arguments: dict[str, float]) -> None:
 def test_refuses_phases(phases: object) -> None:
     with pytest.raises(InvalidRequestError, match="phase"):
         Basis().evaluate(phases)  # type: ignore[arg-type]
+
+
+def test_refuses_an_order() -> None:
+    with pytest.raises(InvalidRequestError, match="order"):
+        Basis().evaluate(5, 4)

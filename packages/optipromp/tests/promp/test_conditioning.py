@@ -6,13 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.promp import (
-    Basis,
-    JointPoint,
-    ProMP,
-    TaskPoint,
-    condition,
-)
+from optipromp.core.promp import Basis, JointPoint, ProMP, TaskPoint, condition
 from optipromp.core.promp.conditioning import conditioned_mean
 
 Make = Callable[..., ProMP]

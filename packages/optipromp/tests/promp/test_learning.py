@@ -98,10 +98,7 @@ def test_covariance_is_always_definite(seed: int, demos: int, joints: int, size:
 
 def test_regularised_cases_warn_and_stay_usable() -> None:
     y = truth(4).sample(np.random.default_rng(0), 1, 50)
-    cases = {
-        "one demonstration": y,
-        "identical": np.repeat(y, 4, axis=0),
-    }
+    cases = {"one demonstration": y, "identical": np.repeat(y, 4, axis=0)}
     for message, demos in cases.items():
         with pytest.warns(RegularisedWarning, match=message):
             learnt = fit(demos, Basis(6))

@@ -18,14 +18,6 @@ def test_the_docs_list_every_number_with_its_value_unit_and_source() -> None:
     assert page.count("| `") == sum(len(group) for group in PUSH)
 
 
-def test_a_comment_states_unit_kind_and_meaning() -> None:
-    numbers = {number.name: number for number in SCRIPT["numbers"]()}
-    assert numbers["beam.diameter"][1:4] == (0.0025, "m", "reported")
-    assert numbers["rule.plane_factor"][2:4] == ("gripper radii", "published")
-    assert numbers["harm.good"][2:4] == ("1", "measured")
-    assert numbers["beam.bow_least"].source.endswith("arcs of a bow of 2, 4 and 7 %")
-
-
 def test_a_number_cannot_be_changed_and_is_not_below_zero() -> None:
     with pytest.raises(AttributeError):
         PUSH.beam.diameter = 1.0  # type: ignore[misc]

@@ -8,7 +8,7 @@ import yaml
 from tests.robots.links import Writer, joint
 
 from optipromp.core.errors import InvalidRobotError
-from optipromp.core.robots.library import load_robot, robot_names
+from optipromp.core.robots.library import load_robot
 from optipromp.core.robots.model import Robot
 
 
@@ -18,11 +18,6 @@ def self_clearance(robot: Robot, q: np.ndarray) -> np.ndarray:
     i, j = robot.self_pairs.T
     gaps = np.linalg.norm(centers[..., i, :] - centers[..., j, :], axis=-1) - radius[i] - radius[j]
     return np.asarray(gaps.min(axis=-1))
-
-
-def test_names() -> None:
-    assert robot_names() == ("fr3", "panda", "scara")
-    assert load_robot("panda") is load_robot("panda")
 
 
 def test_panda_limits() -> None:

@@ -27,11 +27,7 @@ def unit(count: int) -> np.ndarray:
 
 
 @settings(max_examples=60, deadline=None)
-@given(
-    length=st.floats(0.0, 2.0),
-    radius=st.floats(0.002, 0.3),
-    bulge=st.floats(0.001, 0.05),
-)
+@given(length=st.floats(0.0, 2.0), radius=st.floats(0.002, 0.3), bulge=st.floats(0.001, 0.05))
 def test_capsule(length: float, radius: float, bulge: float) -> None:
     end = length * np.array([0.6, 0.0, 0.8])
     cover = cover_capsule(np.zeros(3), end, radius, bulge)

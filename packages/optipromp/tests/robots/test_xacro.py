@@ -9,6 +9,7 @@ import pytest
 import yaml
 from tests.cli.fixtures import invoke
 from tests.robots.links import joint
+from tests.scenes.six_joints import six
 
 from optipromp.core.errors import InvalidRobotError, InvalidSceneError
 from optipromp.core.robots import load_robot
@@ -132,6 +133,26 @@ def test_xacro_runs_once_a_process(arm: Path, runs: list[str]) -> None:
     finally:
         del os.environ["OPTIPROMP_TEST_OF_XACRO"]
     assert len(runs) == 4
+
+
+def test_scenes_of_a_xacro_keep_its_arguments(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    head = '<robot xmlns:xacro="http://www.ros.org/wiki/xacro" '
+    text = six(0.6).replace("<robot ", head).replace('upper="3"', 'upper="$(arg upper)"')
+    declared = '<xacro:arg name="upper" default="2"/><link name="base"/>'
+    Path("six.urdf").write_text(text.replace('<link name="base"/>', declared))
+    command = ["generate", "--preset", "cluster", "--robot", "six.urdf", "--out", "scenes"]
+    result = invoke(*command, "--robot-arg", "upper:=3.1")
+    assert result.exit_code == 0, result.output
+    assert "OPTIPROMP_ALLOW_XACRO=1" in result.output
+    stated = yaml.safe_load(Path("scenes/cluster-0.yaml").read_text())
+    assert stated["robot"] == {"file": "../six.urdf", "args": {"upper": "3.1"}}
+    refused = invoke("check", "scenes/cluster-0.yaml")
+    assert refused.exit_code == 2
+    monkeypatch.setenv("OPTIPROMP_ALLOW_XACRO", "1")
+    assert bare_robot(load_scene("scenes/cluster-0.yaml")).upper[0] == pytest.approx(3.1)
 
 
 def test_xacro_in_a_comment_is_no_xacro(arm: Path, runs: list[str]) -> None:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from optipromp.core.geometry import Box, Capsule, HalfSpace, Sphere, distances, pack
 from optipromp.core.scenes import JointGoal, Scene, SceneObject
-from optipromp.core.scenes.scene import ROLES
+from optipromp.core.scenes.scene import ROLES, obstacles_of, packed
 
 SHAPES = (Sphere(0.05), Box((0.1, 0.4, 0.02)), Capsule(0.03, 0.6), Sphere(1.0))
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
@@ -36,7 +36,7 @@ def test_what_is_within_reach_is_around(count: int, seed: int, reach: float) -> 
         rows = made.around(center, reach, role).tolist()
         assert set(rows) <= set(mine)
         assert rows == sorted(rows)
-        away, _ = distances(made.obstacles(), center[None])
+        away, _ = distances(obstacles_of(made), center[None])
         near = {k for k in mine if away[0, k] <= reach}
         assert near <= set(rows)
         balls = [np.linalg.norm(made.objects[k].position - center) - made.objects[k].radius
@@ -57,7 +57,7 @@ def test_arrays_are_the_objects(count: int, seed: int) -> None:
         assert not array.flags.writeable
     rows = np.random.default_rng(seed).permutation(len(made.objects))
     chosen = [made.objects[k] for k in rows]
-    packed = made.packed(rows)
+    ours = packed(made, rows)
     plain = pack([(obj.shape, obj.position, obj.rotation) for obj in chosen])
-    for a, b in zip(packed[:-1], plain[:-1], strict=True):
+    for a, b in zip(ours[:-1], plain[:-1], strict=True):
         np.testing.assert_array_equal(a, b)

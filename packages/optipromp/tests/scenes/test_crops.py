@@ -7,13 +7,7 @@ import pytest
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes import load_crop, load_scene, save_scene
-from optipromp.core.scenes.crops import (
-    ROWS,
-    crop_from_dict,
-    crop_names,
-    crop_to_dict,
-    save_crop,
-)
+from optipromp.core.scenes.crops import ROWS, crop_from_dict, crop_names, crop_to_dict, save_crop
 
 
 @pytest.mark.parametrize("name", ["strawberry", "tomato", "apple"])

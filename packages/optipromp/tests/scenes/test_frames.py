@@ -28,6 +28,7 @@ from optipromp.core.scenes import (
     scene_from_dict,
     scene_to_dict,
 )
+from optipromp.core.scenes.scene import obstacles_of
 from optipromp_sim.generate import generate
 
 FLOOR = SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -0.2]))
@@ -104,8 +105,8 @@ def test_only_the_frame_changes(pose: Pose) -> None:
         np.linalg.norm(moved, axis=2), np.linalg.norm(gaps, axis=2), atol=1e-12
     )
     points = np.random.default_rng(0).uniform(-0.5, 1.5, (20, 3))
-    here, _ = distances(scene.obstacles(), points)
-    there, _ = distances(other.obstacles(), pose @ points)
+    here, _ = distances(obstacles_of(scene), points)
+    there, _ = distances(obstacles_of(other), pose @ points)
     np.testing.assert_allclose(there, here, atol=1e-12)
     # nothing has moved in the world
     np.testing.assert_allclose(other.base @ other.positions, scene.positions, atol=1e-12)

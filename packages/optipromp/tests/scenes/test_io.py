@@ -33,6 +33,7 @@ from optipromp.core.scenes import (
     scene_names,
     scene_to_dict,
 )
+from optipromp.core.scenes.scene import obstacles_of
 
 
 def full():
@@ -100,9 +101,9 @@ def test_everything_loads(files, suffix):
     np.testing.assert_allclose(scene.pushables[0].stem.vector, [0, 0.01, 0.085])
     assert scene.pushables[0].physical == {"mass": 0.02}
     assert scene.objects[6].shape.vertices.max() == pytest.approx(0.05)
-    assert len(scene.obstacles().kind) == 8
-    assert len(scene.obstacles("static", "avoid").kind) == 6
-    assert len(scene.obstacles("pushable").kind) == 1
+    assert len(obstacles_of(scene).kind) == 8
+    assert len(obstacles_of(scene, "static", "avoid").kind) == 6
+    assert len(obstacles_of(scene, "pushable").kind) == 1
 
 
 @pytest.mark.parametrize("name", ["copy.yaml", "elsewhere/copy.json"])
@@ -172,7 +173,7 @@ def test_defaults_and_immutability():
     scene = scene_from_dict(MINIMAL)
     assert (scene.tool, scene.start, scene.goal, scene.base_dir) == (None, None, None, None)
     assert scene.pushables == scene.avoid == scene.static == ()
-    assert scene.obstacles("static").kind.shape == (0,)
+    assert obstacles_of(scene, "static").kind.shape == (0,)
     with pytest.raises(ValueError, match="read-only"):
         scene.target.position[0] = 1.0
 
@@ -237,7 +238,7 @@ def test_objects_in_python_are_checked_alike():
     with pytest.raises(InvalidSceneError, match=r"stem\.radius"):
         Stem([[0, 0, 0], [0, 0, 1]], 0.0)
     with pytest.raises(InvalidSceneError, match="valid are target"):
-        scene_from_dict(MINIMAL).obstacles("statics")
+        obstacles_of(scene_from_dict(MINIMAL), "statics")
     bent = Stem([[0, 0, 0], [0, 0, 1], [0, 1, 1]])
     assert bent.length == 2.0
     np.testing.assert_array_equal(bent.root, [0, 1, 1])

@@ -126,10 +126,7 @@ def test_a_mesh_from_memory_cannot_be_saved(tmp_path: Path) -> None:
         ({"kind": "cup", "radius": 0.05, "depth": 0.06}, ["tool cup: depth is 0.06", "0.05]"]),
         ({"kind": "cup", "radius": 0.05, "turn": 1}, ["tool: turn is no parameter of cup"]),
         ({"kind": "finger_gripper", "opening": 0.06, "finger": 1}, ["did you mean 'finger_"]),
-        (
-            {"kind": "suction", "radius": 0.01, "angle": 120.0},
-            ["angle is 120", "90 [degrees]"],
-        ),
+        ({"kind": "suction", "radius": 0.01, "angle": 120.0}, ["angle is 120", "90 [degrees]"]),
         (
             {"kind": "cup", "radius": 0.03, "mount": {"orientation": [1, 1, 0, 0]}},
             ["mount.orientation", "of length 1.414", "unit quaternion"],

@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from optipromp.core.planning import Plan, plan, plan_pick
 from optipromp.core.planning.options import PlanOptions
@@ -128,11 +126,3 @@ def test_opti_promp_shows_the_tool_path_that_was_chosen(optimised: Plan) -> None
     np.testing.assert_allclose(path[0], optimised.task.camera, atol=1e-3)
     np.testing.assert_allclose(path[-1], optimised.task.goal.position, atol=1e-3)
     assert drawn.conditioned_on(optimised) == ()
-
-
-@given(st.lists(st.floats(-1.0, 1.0), max_size=8), st.floats(0.01, 0.5))
-def test_labels_keep_apart_and_in_order(wanted: list[float], gap: float) -> None:
-    heights = drawn.spread(wanted, gap)
-    order = np.argsort(wanted, kind="stable")
-    assert (np.diff(heights[order]) >= gap - 1e-9).all()
-    assert np.sum(heights) == pytest.approx(np.sum(wanted), abs=1e-6)  # about where they want

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling, seeds_of
@@ -15,7 +15,13 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from optipromp_bench.experiments.rows import Row
-    from optipromp_bench.experiments.statistics import Cell, Reliability
+    from optipromp_bench.experiments.statistics import (
+        Cell,
+        LoopCell,
+        PlanCell,
+        Reliability,
+        StudyCell,
+    )
 
 
 @dataclass(frozen=True)
@@ -156,23 +162,23 @@ def _report(rows: list["Row"], out: Path) -> Report:
     from optipromp_bench.experiments.statistics import calibration, loop_summary, summary
     from optipromp_bench.experiments.study import write_results
 
-    cells = summary(rows)
-    last = f"wrote rows.csv, {', '.join(write_results(rows, cells, out))} to {out}"
+    plans, loops = summary(rows), loop_summary(rows) if any(row.loop for row in rows) else ()
+    cells: Sequence[StudyCell] = loops or plans
+    last = f"wrote rows.csv, {', '.join(write_results(rows, plans, out))} to {out}"
     shown = []
-    if looped := any(row.loop for row in rows):
-        cells = loop_summary(rows)
+    if loops:
         if any(row.pictures for row in rows):
-            shown.append(table(cells, LOOP_NAMES, EYES, EYES_TITLE))
-        shown.append(table(cells, LOOP_NAMES, LOOP, LOOP_TITLE))
+            shown.append(table(loops, LOOP_NAMES, EYES, EYES_TITLE))
+        shown.append(table(loops, LOOP_NAMES, LOOP, LOOP_TITLE))
     else:
         columns = dict(PLANNER)
-        if max(len(cell.preset) for cell in cells) > 15:  # variations: their names take the width
+        if max(len(cell.preset) for cell in plans) > 15:  # variations: their names take the width
             columns = dict(list(columns.items())[:6])
-        if "changed" in cells[0].figures:  # by a guess of the crop
+        if plans[0].changed is not None:  # by a guess of the crop
             columns["changed"] = _number("changed")
-        shown.append(table(cells, NAMES, columns, TITLE))
-    shown.append(causes(cells, LOOP_NAMES if looped else NAMES))
-    if not looped and (known := calibration(rows)) is not None:
+        shown.append(table(plans, NAMES, columns, TITLE))
+    shown.append(causes(cells, LOOP_NAMES if loops else NAMES))
+    if not loops and (known := calibration(rows)) is not None:
         shown.append(reliability(known))
     return Report({"runs": len(rows), "cells": [c.to_dict() for c in cells]}, (*shown, last))
 
@@ -196,10 +202,10 @@ EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool
 Wilson's interval), something harmed; recall [%] of visible fruits in the pictures before the plan;
 false: wrong detections a run; see: median processor time of seeing [s]"""
 NAMES, LOOP_NAMES = ("preset", "planner"), ("preset", "condition", "loop")
-Column = Callable[["Cell"], str]
+C = TypeVar("C", bound="Cell")
 
 
-def _number(name: str, digits: int = 0) -> Column:
+def _number(name: str, digits: int = 0) -> "Callable[[Cell], str]":
     """A figure with so many decimals; a dash where there is none."""
 
     def column(cell: "Cell") -> str:
@@ -209,25 +215,25 @@ def _number(name: str, digits: int = 0) -> Column:
     return column
 
 
-def _share(name: str) -> Column:
+def _share(name: str) -> "Callable[[Cell], str]":
     """A count in percent of the runs."""
     return lambda cell: f"{100 * getattr(cell, name) / cell.runs:.3g}"
 
 
-PLANNER: Mapping[str, Column] = {
+PLANNER: "Mapping[str, Callable[[PlanCell], str]]" = {
     "n": _number("runs"), "0.3.0": lambda cell: f"{100 * cell.kept_before / cell.runs:.1f}",
     "%": lambda cell: f"{100 * cell.rate:.1f}",
     "95 %": lambda cell: cell.interval, "plans": _number("plans"), "broken": _number("broken"),
     "all": _number("successes"), "torn": _number("torn"), "plan": _number("plan_time", 2),
     "cycle": _number("cycle", 1), "clean": _number("clean_seconds", 1),
 }  # fmt: skip
-LOOP: Mapping[str, Column] = {
+LOOP: "Mapping[str, Callable[[LoopCell], str]]" = {
     "n": _number("runs"), "0.3.0": _share("kept_before"), "%": _share("clean"),
     "95 %": lambda cell: cell.interval, "harm": _share("harmed"), "gave": _share("gave_up"),
     "ref": _share("refused"), "miss": _share("missed"), "s": _number("duration", 1),
     "clean": _number("clean_seconds", 1), "back": _number("retreats"),
 }  # fmt: skip
-EYES: Mapping[str, Column] = {
+EYES: "Mapping[str, Callable[[LoopCell], str]]" = {
     "n": _number("runs"), "seen": _share("seen"), "planned": _share("planned"),
     "picked": _share("picked"),
     "95 %": lambda cell: "–".join(f"{100 * end:.0f}" for end in cell.picked_interval),
@@ -239,7 +245,7 @@ EYES: Mapping[str, Column] = {
 
 
 def table(
-    cells: Sequence["Cell"], names: Sequence[str], columns: Mapping[str, Column], title: str
+    cells: Sequence[C], names: Sequence[str], columns: Mapping[str, Callable[[C], str]], title: str
 ) -> "Table":
     """Cells as rows of a table: their names, then the columns. A name is not repeated below itself.
     A line parts the presets."""
@@ -256,7 +262,7 @@ def table(
     return out
 
 
-def causes(cells: Sequence["Cell"], names: Sequence[str]) -> "Table":
+def causes(cells: Sequence["StudyCell"], names: Sequence[str]) -> "Table":
     """Why runs failed, most frequent first."""
     title = "causes of failure, a run may have several"
     out = table(cells, names, {"failed by": lambda cell: cell.failed_by}, title)

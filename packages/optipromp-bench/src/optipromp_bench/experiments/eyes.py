@@ -175,6 +175,29 @@ def aimed_at(scene: Scene, ripe: Collection[str], place: FloatArray) -> Scene:
     return scene.each(lambda item: replace(item, role=roles.get(item.id, item.role)))
 
 
+DRAWN_TURN, DRAWN_TILT = 30.0, 12.0  # [deg] of the drawn camera about the bunch: choices
+DRAWN_AWAY = 0.9, 1.25  # of a drawn camera's distance over that of a standing one: a choice
+DRAWN_AIM = 0.02  # [m] deviation of each coordinate of what it looks at: a choice
+
+
+def drawn_camera(scene: Scene, seed: int) -> Pose:
+    """Where a picture is taken from that does not tell which fruit is the target.
+
+    The camera stands beside the middle of the bunch as :func:`cameras` does beside the target, but
+    turned about the vertical, tilted, at a distance and with an aim that are drawn.
+    """
+    rng = np.random.default_rng([seed, 11])
+    bunch = [item.position for item in scene.objects if item.role in ("target", "pushable")]
+    middle = np.mean(bunch, axis=0)
+    away = standing_pose(scene, EYES["beside"], middle).position - middle
+    across = np.cross(scene.up, away)
+    tilt = rotation(across / np.linalg.norm(across), np.deg2rad(rng.uniform(-1, 1) * DRAWN_TILT))
+    turn = rotation(scene.up, np.deg2rad(rng.uniform(-1, 1) * DRAWN_TURN))
+    place = middle + rng.uniform(*DRAWN_AWAY) * (turn @ tilt @ away)
+    way = middle - LOWER * scene.up + DRAWN_AIM * rng.standard_normal(3) - place
+    return Pose(place, frame_along(way / np.linalg.norm(way)))
+
+
 def cameras(scene: Scene) -> tuple[Pose, ...]:
     """Where pictures are taken from, in turn: beside the target, and turned about its vertical.
 

@@ -73,13 +73,13 @@ def study_report(
     return page(title, parts)
 
 
-def _rates(cells: Sequence[statistics.Cell]) -> list[tuple[str, ...]]:
+def _rates(cells: Sequence[statistics.PlanCell]) -> list[tuple[str, ...]]:
     return [
         (c.preset, c.planner, str(c.runs), str(c.kept_before), f"{c.kept} ({100 * c.rate:.1f} %)",
          f"{c.interval} %", f"{c.broken} of {c.plans}",
          f"{statistics.percent(c.broken_low, c.broken_high)} %", str(c.successes),
          _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms",
-         *([str(c.changed)] if "changed" in c.figures else []))
+         *([] if c.changed is None else [str(c.changed)]))
         for c in cells
     ]  # fmt: skip
 

@@ -99,6 +99,7 @@ class Row:
     engine: str = ""  # that executed the motion
     force: float | None = None  # largest on any fruit but the target [N]
     thought: float = 0.0  # wall time of the entry [s]; of a policy, the median of a call
+    sign: str = ""  # of this row and all before it in a folder; see optipromp_bench.results
 
     @property
     def key(self) -> Key:
@@ -117,8 +118,11 @@ BENCH: Columns = (
     "preset", "seed", "digest", "engine", "result", "picked", "cause", "force", "duration",
     "thought",
 )  # fmt: skip
+SIGNED: Columns = (*BENCH, "sign")
 STUDY: Columns = tuple(
-    each.name for each in fields(Row) if each.name not in ("digest", "engine", "force", "thought")
+    each.name
+    for each in fields(Row)
+    if each.name not in ("digest", "engine", "force", "thought", "sign")
 )
 NEEDED: Columns = STUDY[: STUDY.index("success")]
 """Columns that even the oldest rows of a study have."""
@@ -127,16 +131,17 @@ _OF_BENCH = {"result": Literal["clean", "harmed", "missed", "refused", "error"],
 
 
 @functools.cache
-def _line(bench: bool) -> type[BaseModel]:
+def _line(columns: Columns) -> type[BaseModel]:
     """What reads the cells of one line."""
-    columns: dict[str, Any] = {
-        each.name: (_KINDS[each.name], ... if each.name in NEEDED else each.default)
-        for each in fields(Row)
-        if each.name in STUDY
-    }
-    if bench:
-        columns = {name: (_OF_BENCH.get(name, _KINDS[name]), ...) for name in BENCH}
-    return create_model("Row", **columns)
+    if columns is not STUDY:
+        cells: Any = {name: (_OF_BENCH.get(name, _KINDS[name]), ...) for name in columns}
+    else:
+        cells = {
+            each.name: (_KINDS[each.name], ... if each.name in NEEDED else each.default)
+            for each in fields(Row)
+            if each.name in STUDY
+        }
+    return create_model("Row", **cells)
 
 
 def row_of(texts: Mapping[str, str], columns: Columns = STUDY) -> Row:
@@ -145,7 +150,7 @@ def row_of(texts: Mapping[str, str], columns: Columns = STUDY) -> Row:
     for name in values:
         if NoneType in get_args(_KINDS[name]):
             values[name] = values[name] or None
-    return Row(**_line(columns is BENCH).model_validate(values).model_dump())
+    return Row(**_line(columns).model_validate(values).model_dump())
 
 
 def rows_in(content: bytes, where: object, columns: Columns = STUDY) -> list[Row]:

@@ -21,7 +21,7 @@ from optipromp.core.robots.library import NOTHING
 from optipromp.looks.viewer.figures import png
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.rows import LOCK, Key, Row, RowFile, locked, source_version
-from optipromp_bench.experiments.statistics import Cell, calibration, loop_summary
+from optipromp_bench.experiments.statistics import PlanCell, calibration, loop_summary
 from optipromp_bench.experiments.trials import FOLDER, digests, run_trials, warm_up
 from optipromp_bench.experiments.trials import Study as Study
 from optipromp_sim.generate import PANDA
@@ -152,7 +152,7 @@ TITLE = "Promised and picked, 95 % intervals (Wilson); dots: executed although r
 _BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
 
 
-def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> tuple[str, ...]:
+def write_results(rows: Sequence[Row], cells: Sequence[PlanCell], folder: Path) -> tuple[str, ...]:
     """Write ``summary.json`` and ``study.png``.
 
     Returns: The names of the files.
@@ -169,7 +169,7 @@ def write_results(rows: Sequence[Row], cells: Sequence[Cell], folder: Path) -> t
     return "summary.json", "study.png"
 
 
-def study_figure(cells: Sequence[Cell]) -> "Figure":
+def study_figure(cells: Sequence[PlanCell]) -> "Figure":
     """Success rates by preset and planner with 95 % intervals, and the causes of failure."""
     from matplotlib.figure import Figure
 
@@ -183,7 +183,7 @@ def study_figure(cells: Sequence[Cell]) -> "Figure":
     return figure
 
 
-def _rates(axes: "Axes", cells: Sequence[Cell], level: bool) -> None:
+def _rates(axes: "Axes", cells: Sequence[PlanCell], level: bool) -> None:
     """Bars over the presets; ``level``: points beside the names of variations of the physics."""
     names = list(dict.fromkeys(cell.preset for cell in cells))
     planners = list(dict.fromkeys(cell.planner for cell in cells))
@@ -216,7 +216,7 @@ def _rates(axes: "Axes", cells: Sequence[Cell], level: bool) -> None:
     axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
 
 
-def _causes(axes: "Axes", cells: Sequence[Cell]) -> None:
+def _causes(axes: "Axes", cells: Sequence[PlanCell]) -> None:
     planners = list(dict.fromkeys(cell.planner for cell in cells))
     counts = {planner: Counter[str]() for planner in planners}
     runs: Counter[str] = Counter()

@@ -21,7 +21,7 @@ from optipromp_bench.experiments.kinds import Kind, kind_of
 from optipromp_bench.experiments.rows import Row, rows_of
 from optipromp_bench.experiments.statistics import (
     ALL,
-    Cell,
+    LoopCell,
     calibration,
     loop_summary,
     share,
@@ -153,9 +153,9 @@ def pairs(first: tuple[str, Sequence[Row]], second: tuple[str, Sequence[Row]]) -
     return out
 
 
-def loops_told(cells: Sequence[tuple[str, Cell]], paired: list[list[Any]]) -> str:
+def loops_told(cells: Sequence[tuple[str, LoopCell]], paired: list[list[Any]]) -> str:
     """By condition over all presets, and by preset over all conditions; pairs of both loops."""
-    groups: dict[str, dict[tuple[str, str], list[Cell]]] = {}
+    groups: dict[str, dict[tuple[str, str], list[LoopCell]]] = {}
     for part, c in cells:
         by, name = ("condition", c.condition) if c.preset == ALL else ("preset", c.preset)
         groups.setdefault(by, {}).setdefault((f"`{name}`", part), []).append(c)

@@ -475,7 +475,9 @@ class Driver:
         follows itself.
         """
         route, self.held = self.route, True
-        self._offset = self._field(route, tracked).at(route.points[-1:], np.array([now]))
+        places, moved, _ = displaced(route.scene, tracked)
+        rest = Displacement(places, lambda times: moved[None], self._parameters.field)
+        self._offset = rest.at(route.points[-1:], np.zeros(1))
 
     def _field(self, route: Route, tracked: Tracked) -> Displacement:
         if self._offset is not None:

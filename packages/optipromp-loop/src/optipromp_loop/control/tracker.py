@@ -17,7 +17,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Shape
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import Role, SceneObject, Stem
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, obstacles_of
 from optipromp_loop.control.belief import (
     Arrival,
     Belief,
@@ -204,7 +204,7 @@ class Tracker:
             if item.covariance is None:
                 raise InvalidRequestError(f"first object {item.id} has no covariance")
         plant = bare_plant(scene.up, given.frequencies, given.damping, given.sway)
-        static = scene.obstacles("static") if scene.static else None
+        static = obstacles_of(scene, "static") if scene.static else None
         self._world = Setting(given, Frame(scene.up, plant.layout.axes), static, names)
         self._tool = tool
         self._start = first_belief(plant, objects, self._world)

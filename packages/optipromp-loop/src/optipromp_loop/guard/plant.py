@@ -13,7 +13,7 @@ from optipromp.core.judging.clearance import pieces
 from optipromp.core.optimization.problem import Surroundings
 from optipromp.core.planning.task import Task, stands
 from optipromp.core.pushing.model import Combined, PushModel
-from optipromp.core.pushing.stems.hanging import Hanging
+from optipromp.core.pushing.stems.hanging import Hanging, after
 from optipromp.core.scenes.objects import SceneObject, rooted
 from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control.driver import target_row, tracked_scene
@@ -34,7 +34,7 @@ class Course(NamedTuple):
     def on(self, poses: FloatArray, states: int) -> "Course":
         """After the tool went on through poses (P, 6)."""
         points, axes = np.split(poses, 2, axis=1)
-        return Course(self.going.after(points, axes, states), self.seen.after(points, axes, 1))
+        return Course(after(self.going, points, axes, states), after(self.seen, points, axes, 1))
 
 
 @dataclass(frozen=True, eq=False)

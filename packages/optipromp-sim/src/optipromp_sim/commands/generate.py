@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import optipromp
 from optipromp.cli.command import Report, Shown, command
-from optipromp.cli.console import Preset, progress_bar, seeds_of
+from optipromp.cli.console import Preset, progress_bar, seeds_of, waiting
 from optipromp.cli.robot import ArmOptions, Named, Whose
 from optipromp.core import files
 from optipromp.core.errors import InvalidRequestError, check_one_of
@@ -72,18 +72,20 @@ def generate(
     named, grown = arm.of(robot), None if crop is None else load_crop(crop)
     documents: list[dict[str, Any]] = []
     reasons: Counter[str] = Counter()
-    for number in range(seed, seed + count):
-        whose = named.name or PANDA, named.choice
-        scene, report = generate_with_report(preset, number, *whose, grown)
-        if named.name is not None:
-            _judge_start(scene)
-        optipromp.save_scene(scene, path := out / f"{scene.name}.yaml")
-        reasons.update(report.reasons)
-        documents.append({
-            "file": str(path), "seed": number, "pushables": len(scene.pushables),
-            "redraws": report.redraws, "reasons": report.reasons,
-            **(_seen(scene, number, noise, out) if noise else {}),
-        })  # fmt: skip
+    with waiting("sampling scenes") as say:
+        for number in range(seed, seed + count):
+            say(f"sampling scene {number - seed + 1} of {count}")
+            whose = named.name or PANDA, named.choice
+            scene, report = generate_with_report(preset, number, *whose, grown)
+            if named.name is not None:
+                _judge_start(scene)
+            optipromp.save_scene(scene, path := out / f"{scene.name}.yaml")
+            reasons.update(report.reasons)
+            documents.append({
+                "file": str(path), "seed": number, "pushables": len(scene.pushables),
+                "redraws": report.redraws, "reasons": report.reasons,
+                **(_seen(scene, number, noise, out) if noise else {}),
+            })  # fmt: skip
     redraws = reasons.total()
     unread = _unread(named, out)
     why = "".join(f", {number} {reason}" for reason, number in reasons.most_common())

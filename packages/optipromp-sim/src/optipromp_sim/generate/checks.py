@@ -19,7 +19,7 @@ from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.ik import level, rolled, rolls
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL, cone_of
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, obstacles_of
 
 SAMPLE = 0.004  # [m] between the points of a segment that are checked: a choice
 STARTS = 200  # of the inverse kinematics: a choice
@@ -141,7 +141,7 @@ def unsolvable(scene: Scene) -> str | None:
     target = scene.target
     if target is None:
         return None
-    static = scene.obstacles("static")
+    static = obstacles_of(scene, "static")
     if len(static.kind):
         inside, _ = distances(static, target.position[None])
         if float(inside.min()) < 0.0:

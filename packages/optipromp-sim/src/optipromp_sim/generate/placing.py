@@ -29,7 +29,7 @@ from optipromp.core.robots.library import Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import Scene, ToolSpec
+from optipromp.core.scenes.scene import Scene, ToolSpec, obstacles_of
 from optipromp_sim.generate import bunches
 
 # choices that weigh alike: to a joint limit [rad or m], between links [m], tool speed [m/rad]
@@ -276,7 +276,7 @@ def _failure(
     if (touch := -float(robot.self_gaps(q).min(initial=np.inf))) > 0.0:
         told = f"{whole} links overlap by {1e3 * touch:.0f} mm at least"
         return Unfit(2, touch, "room between links", told)
-    solid = scene.obstacles("static", "avoid")
+    solid = obstacles_of(scene, "static", "avoid")
     if len(solid.kind):
         spheres = robot.spheres
         centers = robot.sphere_centers(q) - shift

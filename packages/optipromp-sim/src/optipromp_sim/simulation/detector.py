@@ -13,7 +13,6 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.hand import tool_frame
 from optipromp.core.scenes.look import Look
@@ -25,7 +24,6 @@ from optipromp_sim.simulation.detector_parameters import DetectorParameters as D
 from optipromp_sim.simulation.sight import Leaf, Sight, hand_pose, standing_pose, view_of
 
 LOWER = 0.05  # [m] of a stem that tells its direction: as long as peduncles are in pictures
-STEM_LENGTH = 0.15  # [m] of a fruit's stem where none is seen: a choice
 LEAF_CAP = math.radians(60.0)  # about the line to the first picture, within which leaves hang
 LEAST_DISTANCE = 0.1  # [m] of a false detection from the camera: a choice
 SLACK = 1e-9  # [s] rounding of sums of times
@@ -144,7 +142,7 @@ class Detector:
             self._detection(row, camera, Pose(positions[row], rotations[row]), stems[row], draws)
             for row in np.flatnonzero(seen).tolist()
         ]
-        found += self._wrong(camera, positions)
+        found += self._wrong(camera, positions, rotations, stems)
         found = self._exchanged(found, draws)
         p = self.parameters
         return Look(time, self.believed(q), tuple(found), self.view, p.near, p.far)
@@ -247,37 +245,30 @@ class Detector:
         turned = math.radians(p.camera_turn) ** 2 * across
         return np.asarray(float(p.told) * (p.camera_offset**2 * np.eye(3) + turned))
 
-    def _wrong(self, camera: Pose, positions: FloatArray) -> list[SceneObject]:
-        """False fruits: anywhere in the cone, about as far as the fruits.
-
-        They have upright stems if an object of the scene has a stem.
-        """
-        p, rng, out = self.parameters, self._false, []
+    def _wrong(
+        self, camera: Pose, positions: FloatArray, rotations: FloatArray, stems: list[FloatArray]
+    ) -> list[SceneObject]:
+        """False fruits: each as one of the scene is found, anywhere in the cone, about as far."""
+        p, rng, out, count = self.parameters, self._false, list[SceneObject](), len(positions)
+        like = [k for k, item in enumerate(self.fruits) if item.role != "target"] or range(count)
         away = np.linalg.norm(positions - camera.position, axis=1)
-        middle = float(np.median(away)) if len(away) else p.reference
-        up = camera.rotation.T @ self.scene.up
-        hang = any(item.stem is not None for item in self.fruits)
-        for _ in range(int(rng.poisson(p.false))):
+        for _ in range(int(rng.poisson(p.false)) if count else 0):
             self._false_count += 1
             z = 1.0 - rng.random() * (1.0 - math.cos(0.5 * self.view))
             turn, flat = 2.0 * math.pi * rng.random(), math.sqrt(1.0 - z * z)
-            distance = max(middle * rng.uniform(0.7, 1.3), LEAST_DISTANCE)  # a choice
-            place = distance * np.array([flat * math.cos(turn), flat * math.sin(turn), z])
-            spread = p.sigma(distance) ** 2 * np.eye(3) + self._calibration(place)
-            out.append(
-                SceneObject(
-                    self._free(), "pushable", Sphere(p.false_radius), place,
-                    stem=Stem.along(place, up, STEM_LENGTH) if hang else None, covariance=spread,
-                )
+            distance = max(np.median(away) * rng.uniform(0.7, 1.3), LEAST_DISTANCE)  # a choice
+            place = camera @ (
+                distance * np.array([flat * math.cos(turn), flat * math.sin(turn), z])
+            )
+            row = int(rng.choice(like))
+            draws = _Draws(
+                rng.standard_normal((count, 3)), rng.standard_normal((count, 2)),
+                rng.random(count), rng.random((count, 3)), rng.random(2),
             )  # fmt: skip
+            stem, pose = stems[row] + (place - positions[row]), Pose(place, rotations[row])
+            found = self._detection(row, camera, pose, stem, draws)
+            out.append(replace(found, id=f"{found.id}-{self._false_count}", role="pushable"))
         return out
-
-    def _free(self) -> str:
-        """A name that no object of the scene has."""
-        name = f"seen{self._false_count}"
-        while any(item.id == name for item in self.scene.objects):
-            name += "_"
-        return name
 
     def _exchanged(self, found: list[SceneObject], draws: _Draws) -> list[SceneObject]:
         """The detections, two neighbours of which have exchanged ids at times."""

@@ -41,7 +41,6 @@ class DetectorParameters(Noise):
     missed_steadily: Part = parameter(0.5, "1", "guess", "of misses: until the slot ends")
     slot: Positive = parameter(0.5, "s", "guess", "how long a steady miss or a hidden stem lasts")
     false: float = parameter(0.0, "1", "choice", "mean count of false detections in a picture")
-    false_radius: Positive = parameter(0.015, "m", "choice", "of a false fruit: a small strawberry")
     swapped: Part = parameter(0.0, "1", "choice", "probability that two detections swap ids")
     stem_seen: Part = parameter(1.0, "1", "choice", "probability, held for a slot")
     leaf: Part = parameter(0.0, "1", "choice", "share of fruits with a leaf to the first picture")
@@ -107,7 +106,7 @@ EYES: dict[str, DetectorParameters] = {
         mount="beside", view=0.93, rate=9.7, latency=0.13, position=0.0008, least_position=0.0004,
         along=2.82, bias=-0.0009, angle=1.6, reference=0.41, steady=0.59, missed=0.025,
         hidden=0.833, hidden_from=0.5, hidden_to=0.55, missed_steadily=0.54, slot=2.0,
-        false=0.042, false_radius=0.0166, stem_seen=0.89,
+        false=0.042, stem_seen=0.89,
     ),
     "palm": DetectorParameters(
         view=0.93, rate=10.6, latency=0.12, position=0.0006, least_position=0.0003, along=2.13,

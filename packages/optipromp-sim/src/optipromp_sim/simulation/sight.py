@@ -50,18 +50,23 @@ def view_of(robot: Robot, parameters: DetectorParameters) -> float:
     return min(parameters.view, 2.0 * math.atan2(tool.mouth[0], parameters.palm_below))
 
 
-def standing_pose(scene: Scene, parameters: DetectorParameters) -> Pose:
+def standing_pose(
+    scene: Scene, parameters: DetectorParameters, seen: FloatArray | None = None
+) -> Pose:
     """The standing camera in the base frame: the scene's, if it has one.
 
-    Else it looks at the target. Where the approach is steep, the camera is ``stand_away`` from the
-    target towards the robot's base, across the approach, and ``stand_below`` behind the target
-    along the approach. Where the approach is level (into a shelf), the camera is ``stand_away``
-    behind the target along the approach and ``stand_below`` higher. Without a target it looks at
-    the goal of the tool, or at the middle of the objects.
+    Else it looks at the target, or at the place ``seen`` (3,) in its stead. Where the approach is
+    steep, the camera is ``stand_away`` from the target towards the robot's base, across the
+    approach, and ``stand_below`` behind the target along the approach. Where the approach is level
+    (into a shelf), the camera is ``stand_away`` behind the target along the approach and
+    ``stand_below`` higher. Without a target it looks at the goal of the tool, or at the middle of
+    the objects.
     """
     if scene.camera is not None:
         return scene.camera
-    if scene.target is not None:
+    if seen is not None:
+        pass
+    elif scene.target is not None:
         seen = scene.target.position
     elif of_tool := [goal for goal in scene.goals if not isinstance(goal, JointGoal)]:
         seen = of_tool[0].position

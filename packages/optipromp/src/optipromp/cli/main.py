@@ -230,6 +230,7 @@ def main() -> None:
     """Run the command line and end the process with its exit code. A process that a signal asked to
     end ends with 128 + the signal's number, whatever its exception became on the way."""
     _ready_streams()
+    os.environ["MPLBACKEND"] = "agg"  # a terminal of Jupyter names one that need not be installed
     try:
         check_memory()
     except InvalidRequestError as error:

@@ -99,11 +99,13 @@ class Output:
         rate (HZ): Of the rows in the .csv files and trajectory.npz.
         figures (--figures/--no-figures): Draw figures into --out; by default for one scene, not for
             a folder's.
+        details: Print the figures of a success, too: M_c, M_p, clearances, costs.
     """
 
     out: Path | None = None
     rate: float = 1000.0
     figures: bool | None = None
+    details: bool = False
 
     def check(self) -> None:
         """Refuse a folder that cannot be written into, and a rate that is not above 0."""
@@ -237,7 +239,7 @@ def plan_one(
         with console.waiting("drawing", progress):
             written = output.write(result, output.out, figures=True)
     document = result.to_dict() | ({"advice": advice} if advice else {})
-    lines = [*shown(result, written, output.out), *([advice] if advice else [])]
+    lines = [*shown(result, written, output), *([advice] if advice else [])]
     return Report(document, lines, exit_code(result.status))
 
 
@@ -262,11 +264,13 @@ def better_known(scene: "Scene") -> "Scene":
     return scene.each(better)
 
 
-def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -> Shown:
-    """Name, status and message of a plan; the figures of a reach that is a success; the legs."""
+def shown(result: "Plan | Picked", written: tuple[str, ...], output: Output) -> Shown:
+    """Name, status and message of a plan; of a success what it does, and its figures if wanted."""
     from rich.table import Table
 
     from optipromp.core.planning.legs import legs_of
+    from optipromp.looks.viewer.drawn import pushed
+    from optipromp.looks.viewer.sentences import sentences
     from optipromp.looks.viewer.words import plan_rows, seconds
 
     plan, *later = legs_of(result).values()
@@ -278,13 +282,15 @@ def shown(result: "Plan | Picked", written: tuple[str, ...], out: Path | None) -
     )
     if result.message:
         yield result.message
-    if plan.success:
+    if result.success:
+        yield from sentences(result, pushed(result).shifts())
+    if plan.success and output.details:
         table = Table(box=None, show_header=False, padding=(0, 2))
         for row in plan_rows(result):
             table.add_row(*row)
         yield table
-    if out is not None:
-        yield f"wrote {', '.join(written)} to {out}"
+    if output.out is not None:
+        yield f"wrote {', '.join(written)} to {output.out}"
 
 
 def read_primitive(path: Path | None) -> "ProMP | Path | None":

@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -83,8 +82,8 @@ class State(Validated, label="state."):
 def _growing(times: FloatArray) -> FloatArray:
     if len(times) and times[0] != 0.0:
         raise refuse(f"begin at {times[0]:g}; they must begin at 0 [s]")
-    if (short := np.flatnonzero(np.diff(times) < SHORTEST_STEP)).size:
-        row = int(short[0])
+    if (short := times[1:] - times[:-1] < SHORTEST_STEP).any():
+        row = int(short.argmax())
         raise refuse(
             f"do not grow: {times[row]:g} s at waypoint {row}, then {times[row + 1]:g} s; "
             f"they must by {SHORTEST_STEP:g} s"
@@ -210,9 +209,9 @@ class Trajectory(Shown, Validated):
         s, out = ((t - self.times[row]) / h)[:, None], []
         b = control_points(h[:, None], self.rows(row), self.rows(row + 1))
         for order, factor in enumerate((1.0, 5.0, 20.0)):
-            points = list(np.diff(b, order, axis=0))
+            points = np.diff(b, order, axis=0)
             while len(points) > 1:  # de Casteljau's algorithm
-                points = [p + s * (q - p) for p, q in pairwise(points)]
+                points = points[:-1] + s * (points[1:] - points[:-1])
             out.append(np.asarray(factor * points[0] / h[:, None] ** order))
         return out[0], out[1], out[2]
 

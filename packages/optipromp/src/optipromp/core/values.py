@@ -59,6 +59,7 @@ class Array:
         order: Literal["C", "K"] = "C",
     ) -> None:
         self.shape, self.most, self.order = shape, most, order
+        self._sized = [(axis, n) for axis, n in enumerate(shape) if n not in (None, ...)]
         self._sure = min(most * most, sys.float_info.max)
 
     def read(self, values: ArrayLike) -> FloatArray:
@@ -67,7 +68,8 @@ class Array:
             array = read_only(np.array(values, dtype=np.float64, order=self.order))
         except (TypeError, ValueError, OverflowError):
             raise refuse(f"is {values!r:.60}: must be finite numbers") from None
-        if array.shape != self.shape and not self._fits(array.shape):
+        fits = array.ndim == len(self.shape) and all(array.shape[k] == n for k, n in self._sized)
+        if not fits and self.shape != (...,):
             letters = iter("ikn"[-self.shape.count(None) :])
             wanted = ", ".join(next(letters) if n is None else str(n) for n in self.shape)
             wanted += "," * (len(self.shape) == 1)
@@ -79,12 +81,6 @@ class Array:
                 wanted = f"at most {self.most:g}" if np.isfinite(array[at]) else "finite"
                 raise refuse(f"is {array[at]}: must be {wanted}", f"{list(at) or ''}")
         return array
-
-    def _fits(self, shape: tuple[int, ...]) -> bool:
-        if self.shape == (...,):
-            return True
-        sizes = zip(self.shape, shape, strict=False)
-        return len(shape) == len(self.shape) and all(want in (None, have) for want, have in sizes)
 
     def __get_pydantic_core_schema__(self, *_: object) -> core_schema.CoreSchema:
         return core_schema.no_info_plain_validator_function(self.read)

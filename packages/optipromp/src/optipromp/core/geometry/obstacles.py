@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths, read_only
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths, read_only
+from optipromp.core.compiled import kernel
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry.shapes import GRID, Shape
-
-if TYPE_CHECKING:
-    from optipromp.core.geometry.grids import DistanceGrid
-import math
-
-from optipromp.core.compiled import kernel
 
 FEWEST = 24  # obstacles; with fewer, measuring them all is as fast
 _EDGE = 0.12  # [m] of a cell at least, about the size of a link: a choice
@@ -38,10 +34,8 @@ class Cells(NamedTuple):
     member: IntArray  # (E,) int32
 
 
-def no_cells() -> Cells:
-    """No cells: every obstacle is near every place."""
-    start, member = np.zeros(2, np.int64), np.zeros(0, np.int32)
-    return Cells(0.0, 0.0, 0.0, 0, read_only(start), read_only(member))
+NO_CELLS = Cells(0.0, 0.0, 0.0, 0, frozen([0, 0], np.int64), frozen([], np.int32))
+"""Every obstacle is near every place."""
 
 
 def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: float) -> Cells:
@@ -52,7 +46,7 @@ def make_cells(position: FloatArray, bound: FloatArray, reach: float, half: floa
     cube [m], which should hold all places that are looked up.
     """
     if len(bound) < FEWEST:
-        return no_cells()
+        return NO_CELLS
     count = min(max(int(np.ceil(2.0 * half / _EDGE)), 1), _MOST)
     edge = 2.0 * half / count
     start = np.zeros(count**3 + 2, dtype=np.int64)
@@ -188,23 +182,27 @@ def packed_shapes(
     within: float = 0.0,
 ) -> Obstacles:
     """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
+    made = simple(measured, position, rotation)
+    own = [shapes[k] for k in np.flatnonzero(made.kind == GRID).tolist()]
+    if own:
+        shaped = list({id(shape): shape for shape in own}.values())
+        place = {id(shape): k for k, shape in enumerate(shaped)}
+        grid = np.array(made.grid)
+        grid[made.kind == GRID] = [place[id(shape)] for shape in own]
+        made = Obstacles(*made[:5], read_only(grid), *_pack_grids(shaped), made.cells)
+    if reach > 0.0:
+        made = made._replace(cells=make_cells(position, made.bound, reach, within))
+    return made
+
+
+def simple(measured: Measures, position: FloatArray, rotation: FloatArray) -> Obstacles:
+    """Posed shapes with kernels of their own: there are no grids and no cells."""
     kind, size, bound = measured
-    grid = np.full(len(shapes), -1, dtype=np.int64)
-    grids: dict[int, int] = {}
-    shaped: list[Shape] = []
-    for index in np.flatnonzero(kind == GRID).tolist():
-        shape = shapes[index]
-        if id(shape) not in grids:
-            grids[id(shape)] = len(shaped)
-            shaped.append(shape)
-        grid[index] = grids[id(shape)]
     _check_poses(position, rotation)
-    values, start, nodes, origin, spacing = _pack_grids(shaped)
-    arrays = (kind, position, rotation, size, bound, grid, values, start, nodes, origin, spacing)
-    for array in arrays:
+    grid = np.full(len(kind), -1, dtype=np.int64)
+    for array in (kind, position, rotation, size, bound, grid):
         array.setflags(write=False)
-    cells = make_cells(position, bound, reach, within) if reach > 0.0 else no_cells()
-    return Obstacles(*arrays, cells)
+    return Obstacles(kind, position, rotation, size, bound, grid, *_NO_GRIDS, NO_CELLS)
 
 
 def measures(shapes: Sequence[Shape]) -> Measures:
@@ -237,7 +235,7 @@ def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:
 def selected(obstacles: Obstacles, which: slice | BoolArray) -> Obstacles:
     """Some of the obstacles, without cells."""
     kept = {name: read_only(getattr(obstacles, name)[which]) for name in _EACH}
-    return obstacles._replace(**kept, cells=no_cells())
+    return obstacles._replace(**kept, cells=NO_CELLS)
 
 
 def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
@@ -246,7 +244,7 @@ def appended(obstacles: Obstacles, simple: Obstacles) -> Obstacles:
         name: read_only(np.concatenate([getattr(obstacles, name), getattr(simple, name)]))
         for name in _EACH
     }
-    return obstacles._replace(**both, cells=no_cells())
+    return obstacles._replace(**both, cells=NO_CELLS)
 
 
 def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
@@ -270,16 +268,20 @@ def _check_poses(position: FloatArray, rotation: FloatArray) -> None:
 def _pack_grids(
     shapes: Sequence[Shape],
 ) -> tuple[FloatArray, IntArray, IntArray, FloatArray, FloatArray]:
-    grids: list[DistanceGrid] = []
-    if shapes:
-        from optipromp.core.geometry.grids import distance_grid
+    from optipromp.core.geometry.grids import distance_grid
 
-        grids = [distance_grid(shape) for shape in shapes]
-    sizes = np.array([0, *(grid.values.size for grid in grids)], dtype=np.int64)
+    grids = [distance_grid(shape) for shape in shapes]
+    ends = np.cumsum([0, *(grid.values.size for grid in grids)], dtype=np.int64)
     return (
-        np.concatenate([np.zeros(0), *(grid.values.ravel() for grid in grids)]),
-        np.cumsum(sizes)[:-1],
-        np.array([grid.values.shape for grid in grids], dtype=np.int64).reshape(-1, 3),
-        np.array([grid.origin for grid in grids], dtype=np.float64).reshape(-1, 3),
-        np.array([grid.spacing for grid in grids], dtype=np.float64),
+        read_only(np.concatenate([grid.values.ravel() for grid in grids])),
+        read_only(ends[:-1]),
+        read_only(np.array([grid.values.shape for grid in grids], dtype=np.int64)),
+        read_only(np.array([grid.origin for grid in grids], dtype=np.float64)),
+        read_only(np.array([grid.spacing for grid in grids], dtype=np.float64)),
     )
+
+
+_NO_GRIDS = (
+    read_only(np.zeros(0)), read_only(np.zeros(0, np.int64)), read_only(np.zeros((0, 3), np.int64)),
+    read_only(np.zeros((0, 3))), read_only(np.zeros(0)),
+)  # fmt: skip

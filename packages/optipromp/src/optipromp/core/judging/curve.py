@@ -6,11 +6,12 @@ interval or at a root of the next derivative. That derivative has at most one ro
 neighbouring roots of the derivative after it.
 """
 
+import functools
 from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray
+from optipromp.core.arrays import FloatArray, IntArray, read_only
 from optipromp.core.compiled import inner, kernel
 from optipromp.core.trajectory import Trajectory
 
@@ -24,23 +25,18 @@ class Extremes(NamedTuple):
     when: FloatArray  # (5, n) times of the five rows above [s]
 
 
+@functools.lru_cache(maxsize=4)  # compares trajectories by identity
 def coefficients(trajectory: Trajectory) -> FloatArray:
     """Coefficients c (T-1, n, 6) of the quintics that meet both rows of each interval."""
     q, h = trajectory.positions, np.diff(trajectory.times)[:, None]
     v, a = h * trajectory.velocities[:-1], h * h * trajectory.accelerations[:-1]
     w, b = h * trajectory.velocities[1:], h * h * trajectory.accelerations[1:]
     d = q[1:] - q[:-1]
-    return np.stack(
-        [
-            q[:-1],
-            v,
-            0.5 * a,
-            10.0 * d - 6.0 * v - 4.0 * w - 1.5 * a + 0.5 * b,
-            -15.0 * d + 8.0 * v + 7.0 * w + 1.5 * a - b,
-            6.0 * d - 3.0 * (v + w) - 0.5 * (a - b),
-        ],
-        axis=2,
-    )
+    c = (
+        q[:-1], v, 0.5 * a, 10.0 * d - 6.0 * v - 4.0 * w - 1.5 * a + 0.5 * b,
+        -15.0 * d + 8.0 * v + 7.0 * w + 1.5 * a - b, 6.0 * d - 3.0 * (v + w) - 0.5 * (a - b),
+    )  # fmt: skip
+    return read_only(np.stack(c, axis=2))
 
 
 def extremes(trajectory: Trajectory) -> Extremes:
@@ -98,11 +94,12 @@ def find_extremes(c, times, values, when):
 @inner
 def _derived(c, order, h, p):
     """Coefficients ``p`` (6,) in s of a derivative with respect to time, in place."""
+    power = h**order
     for k in range(6 - order):
         factor = 1.0
         for i in range(order):
             factor *= k + order - i
-        p[k] = c[k + order] * factor / h**order
+        p[k] = c[k + order] * factor / power
 
 
 @inner

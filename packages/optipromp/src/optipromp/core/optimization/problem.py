@@ -14,7 +14,7 @@ from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.joints import smoothness
 from optipromp.core.optimization.evaluation import BodyPoints, Evaluation, body_points
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Scene, packed
 
 FARTHER = 0.1  # [m] beyond its reach, where objects still concern the arm: a choice
 NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
@@ -88,8 +88,8 @@ def surroundings_of(scene: Scene, robot: Robot) -> Surroundings:
         special = tuple(specials(scene, robot, body_points(robot), static[apart[0]], other))
         static, avoid, push = static[~apart[0]], avoid[~apart[1]], push[~apart[2]]
     return Surroundings(
-        static=scene.packed(static, reach=asked, within=far),
-        dynamic=scene.packed(np.concatenate([avoid, push]), reach=asked, within=far),
+        static=packed(scene, static, reach=asked, within=far),
+        dynamic=packed(scene, np.concatenate([avoid, push]), reach=asked, within=far),
         shared=len(avoid),
         special=special,
     )
@@ -132,7 +132,7 @@ def specials(
         for column in np.unique(room, axis=1).T:
             mine = (room == column[:, None]).all(axis=0)
             yield Special(
-                name, scene.packed(rows[mine]), int(mine[:shared].sum()),
+                name, packed(scene, rows[mine]), int(mine[:shared].sum()),
                 read_only(body.radius + np.repeat(column, sizes)),
                 read_only(body.link_bound + column),
             )  # fmt: skip
@@ -160,7 +160,7 @@ def apart(scene: Scene, robot: Robot, far: float) -> RoomApart:
     distal = np.isin(links, robot.spheres.link[robot.spheres.distal])
     role = np.repeat(np.arange(3), [len(one) for one in kept])
     room[np.ix_(distal, role > 0)] = -np.inf
-    return RoomApart(scene.packed(rows), np.ascontiguousarray(room))
+    return RoomApart(packed(scene, rows), np.ascontiguousarray(room))
 
 
 @dataclass(frozen=True, eq=False)
@@ -192,7 +192,6 @@ class Problem:
         *,
         cutoff: float,
         end_fixed: bool = False,
-        body: BodyPoints | None = None,
         evaluation: Evaluation | None = None,
     ) -> None:
         self.robot, self.surroundings, self.n_waypoints = robot, surroundings, n_waypoints
@@ -201,7 +200,7 @@ class Problem:
         self.first = 1
         self.last = n_waypoints - 2 if end_fixed else n_waypoints - 1
         self.dt = 1.0 / (n_waypoints - 1)
-        body = body or BodyPoints(robot)
+        body = body_points(robot)
         self.evaluation = evaluation or Evaluation(robot, body, n_waypoints, self.dt)
         n = robot.n_joints
         self.matrix = np.zeros((2 * n + 1, (self.last - self.first + 1) * n))

@@ -33,7 +33,7 @@ from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import CONSTRAINT, FOLLOW, SOLVE, TREE, WAYPOINT
 from optipromp.core.planning.primitive import led_through
 from optipromp.core.planning.task import Task
-from optipromp.core.promp.conditioning import condition
+from optipromp.core.promp.conditioning import condition_joints
 from optipromp.core.promp.gaussian import add_noise
 from optipromp.core.promp.model import ProMP
 from optipromp.core.promp.tasks import JointPoint
@@ -52,11 +52,6 @@ class Waypoints:
 
     count: int
     first: int
-
-    @staticmethod
-    def at_phase(count: int, phase: float) -> "Waypoints":
-        """``count`` waypoints, of which the first at or after a phase is the first on the path."""
-        return Waypoints(count, int(np.ceil(phase * (count - 1) - 1e-9)))
 
     @property
     def phase(self) -> float:
@@ -357,8 +352,8 @@ def free_starts(
             deep.append(start)
         else:
             yield start
-    ends = [JointPoint(0.0, task.start), JointPoint(1.0, goals[order[0]])]
-    shown = condition(promp, ends).sample(rng, TREE.shown, WAYPOINT.fewest)
+    ends = enumerate([JointPoint(0.0, task.start), JointPoint(1.0, goals[order[0]])])
+    shown = condition_joints(promp, ends).sample(rng, TREE.shown, WAYPOINT.fewest)
     for _ in range(TREE.rounds):
         corners = collision.way(task, goals, shown.reshape(-1, shown.shape[2]), rng, budget)
         if corners is None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -32,10 +32,10 @@ from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
-from optipromp.core.scenes.held import Attached, Place
+from optipromp.core.scenes.held import Attached, Place, pairs_among
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.rotations import to_quaternion
-from optipromp.core.scenes.scene import PoseGoal, Scene, SceneObject
+from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
 
@@ -253,9 +253,23 @@ def full_model(reach: Plan, robot: Robot) -> Hanging | None:
         return None
 
     first = min(hanging, key=lambda item: math.dist(item.position, target.position))
-    seen = replace(scene.aimed(first.id, [target.id]), place=None)
+    seen = replace(aimed(scene, first.id, [target.id]), place=None)
     left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
     full = replace(Mounted.of(robot.tool), full=True)
     return Hanging(
         seen, full, left, reach.task.camera, robot.gripper_radius, flange_of(robot), reach.risk,
     )  # fmt: skip
+
+
+def aimed(scene: Scene, target: str, picked: Collection[str] = ()) -> Scene:
+    """A scene with this ``target``, without ``picked`` fruits; other fruits are pushables."""
+    roles: dict[str, Role] = {i.id: "pushable" for i in scene.objects if i.role == "target"}
+    roles[target] = "target"
+    left = [item for item in scene.objects if item.id not in picked]
+    return replace(
+        scene,
+        name=f"{scene.name}-{target}",
+        objects=rooted(replace(item, role=roles.get(item.id, item.role)) for item in left),
+        goal=None,
+        may_touch=pairs_among(scene.may_touch, picked),
+    )

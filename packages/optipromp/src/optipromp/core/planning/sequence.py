@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from optipromp.core.errors import Code, InvalidRequestError, NoPlanError, OptiPrompError, suggest
+from optipromp.core.planning.leg_tasks import aimed
 from optipromp.core.planning.legs import Picked, legs_of, plan_whole
 from optipromp.core.planning.options import PlanOptions, stated
 from optipromp.core.planning.plan import check_request, plan
@@ -130,7 +131,7 @@ def plan_sequence(
         for id_ in targets:
             if id_ not in picked:
                 (progress or str)(f"pick {len(picks) + 1}: {id_}")
-                tried[id_] = plan_whole(scene.aimed(id_, picked), **request)
+                tried[id_] = plan_whole(aimed(scene, id_, picked), **request)
         best = min(tried.values(), key=_costs, default=None)
         if best is None or not best.success:
             left = tuple(Left(id_, made.status, made.message, made) for id_, made in tried.items())

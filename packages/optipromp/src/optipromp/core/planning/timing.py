@@ -27,6 +27,7 @@ from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, along, evenly, length
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.objects import SceneObject
+from optipromp.core.scenes.scene import packed
 from optipromp.core.trajectory import State, Trajectory, control_points
 
 Slow = int | BoolArray | None
@@ -553,7 +554,7 @@ def _near_standing(task: Task, q: FloatArray) -> BoolArray:
     rows = rows[[item.stem is None for item in scene.objects_at(rows)]]
     body = Evaluation(task.robot, task.body, len(q), 1.0)
     body.move_to(q)
-    body.static.measure(body, scene.packed(rows), len(rows), TIMING.beside)
+    body.static.measure(body, packed(scene, rows), len(rows), TIMING.beside)
     return np.asarray((body.static.distance < TIMING.beside).any(axis=1))
 
 

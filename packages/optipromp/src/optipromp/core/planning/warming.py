@@ -58,8 +58,8 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
 
     ``progress`` is called with a short text as each part begins.
 
-    The kernels of the push model take nearly as long to compile as all others. With a second core,
-    another process compiles them, while this process plans in a scene where nothing hangs.
+    The kernels of push model and search of ways take as long to compile as all others. With a
+    second core, another process compiles them, while this one plans where nothing hangs.
     """
     scene = load_scene(WARM_UP)
     bare = tuple(replace(o, stem=None) for o in scene.objects if o.role != "pushable")
@@ -69,7 +69,8 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
         other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
     try:
         progress("compiling the kernels of arm and obstacles")
-        warm_up(replace(scene, objects=bare))
+        task = resolve(replace(scene, objects=bare))
+        attempt(task, planners.OptiProMP(), DEFAULTS, math.inf, str)
         if other is not None:
             progress("compiling the kernels of the push")
             other.wait()
@@ -82,10 +83,12 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
 
 
 def compile_push_model() -> None:
-    """Compile the kernels of the push model, on the way in and on the way out."""
+    """Compile the kernels of the push model, in and out, and of the search of ways."""
     task = resolve(load_scene(WARM_UP))
     model = task.push_model(task.robot.home)
     assert isinstance(model, Hanging)
     path = model.candidates.path(model.candidates.spread(0)[0])
     model.predict(path.points, path.points)
     Leaving(model, path.points, path.points).predict(path.points[::-1], path.points)
+    home = task.robot.home[None]
+    collision.way(task, home, home, np.random.default_rng(0))

@@ -1,7 +1,7 @@
 """Conditioning a ProMP on points in joint space and task space, all at once."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -110,18 +110,10 @@ def condition_with_report(
     """:func:`condition` with a report in place of the warning; same arguments and errors."""
     if isinstance(points, (JointPoint, TaskPoint)):
         points = (points,)
-    joints: list[tuple[int, JointPoint]] = []
-    tasks: list[tuple[int, TaskPoint]] = []
+    joints = [(i, point) for i, point in enumerate(points) if isinstance(point, JointPoint)]
+    tasks = [(i, point) for i, point in enumerate(points) if isinstance(point, TaskPoint)]
     for i, point in enumerate(points):
-        if isinstance(point, JointPoint):
-            if point.value.size != promp.n_joints:
-                raise InvalidRequestError(
-                    f"point {i}: expected {promp.n_joints} joint values, got {point.value.size}"
-                )
-            joints.append((i, point))
-        elif isinstance(point, TaskPoint):
-            tasks.append((i, point))
-        else:
+        if not isinstance(point, JointPoint | TaskPoint):
             raise InvalidRequestError(
                 f"point {i}: expected a JointPoint or TaskPoint, got {type(point).__name__}"
             )
@@ -129,8 +121,7 @@ def condition_with_report(
         raise InvalidRequestError(f"iterations must be at least 1, got {iterations}")
     if not tolerance > 0.0:
         raise InvalidRequestError(f"tolerance must be above 0, got {tolerance}")
-    if joints:
-        promp = _condition_joints(promp, joints)
+    promp = condition_joints(promp, joints)
     if not tasks:
         nothing = read_only(np.zeros(0))
         return promp, ConditioningReport(True, 0, nothing, nothing, ())
@@ -158,11 +149,11 @@ def conditioned_mean(
     update = _update(promp, places, variances)
     if update.inverse.null is None:
         return update.mean(promp.weights, values.T.flatten()).reshape(promp.mean.shape)
-    points = [
+    points = (
         JointPoint(phase, value, variance or None, derivative)
         for (phase, derivative), value, variance in zip(places, values, variances, strict=True)
-    ]
-    return condition(promp, points).mean
+    )
+    return condition_joints(promp, enumerate(points)).mean
 
 
 @lru_cache(maxsize=16)
@@ -174,9 +165,17 @@ def _update(
     return observed(promp.covariance, _rows(promp.basis, places, promp.n_joints), noise)
 
 
-def _condition_joints(promp: ProMP, points: Sequence[tuple[int, JointPoint]]) -> ProMP:
-    """The linear update."""
-    n, p = promp.n_joints, len(points)
+def condition_joints(promp: ProMP, numbered: Iterable[tuple[int, JointPoint]]) -> ProMP:
+    """:func:`condition` on joint points alone, each with the index that an error names."""
+    points, n = list(numbered), promp.n_joints
+    for i, point in points:
+        if point.value.size != n:
+            raise InvalidRequestError(
+                f"point {i}: expected {n} joint values, got {point.value.size}"
+            )
+    if not points:
+        return promp
+    p = len(points)
     rows = _rows(promp.basis, tuple((point.phase, point.derivative) for _, point in points), n)
     noise = np.zeros((n, p, n, p))
     diagonal = np.arange(n)

@@ -32,7 +32,6 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 
 DriftRule = Literal["shortest", "lateral-plane", "paper"]
-Window = Literal["rim", "paper"]
 RULE = PUSH.rule
 
 
@@ -139,20 +138,19 @@ def passing_windows(
     scene: Scene,
     objects: Sequence[SceneObject],
     directions: FloatArray,
-    window: Window,
     depth: float,
 ) -> FloatArray:
     """The windows (N, 2) of :class:`Drift` for pushables passed in ``directions`` (N, 3) [m].
 
-    The ``paper`` window is the extent of the pushable along z_g. The rim, ``depth`` [m]
-    above the tool point, decides whether a fruit ends inside the mouth, and must be aside before it
-    reaches the pushable: the ``rim`` window begins lower by the depth. It ends with the paper's
-    window, or earlier, as soon as the rim is safely past the centre, where the rim takes in the
-    target or the next pushable asks for another direction.
+    The paper's window is the extent of the pushable along z_g. The rim, ``depth`` [m] above the
+    tool point, decides whether a fruit ends inside the mouth, and must be aside before it reaches
+    the pushable: the window begins lower by the depth. It ends with the paper's window, or earlier,
+    as soon as the rim is safely past the centre, where the rim takes in the target or the next
+    pushable asks for another direction.
     """
+    if scene.target is None or not len(objects):
+        return np.zeros((0, 2))
     up = scene.frame[2]
-    if window == "paper" or scene.target is None or not len(objects):
-        return np.array([(-half, half) for half in (o.extent(up) for o in objects)]).reshape(-1, 2)
     radii = np.array([obj.radius for obj in objects])
     heights = np.array([obj.position for obj in objects]) @ up
     capture = float(scene.target.position @ up) - depth - scene.target.radius
@@ -189,21 +187,18 @@ def drift_choices(
     objects: Sequence[SceneObject],
     rule: DriftRule = "lateral-plane",
     *,
-    window: Window = "rim",
     depth: float = 0.0,
     gripper_radius: float = 0.0,
 ) -> tuple[Drift, ...]:
     """Every combination of sides on which the tool may pass ``objects``, at most eight.
 
     A stem that leans decides the side. With a vertical stem, or none, both sides along y_g are
-    possible. The first choice stays nearest to the approach line. ``window`` and ``depth``: see
+    possible. The first choice stays nearest to the approach line. ``depth``: see
     :func:`passing_windows`. ``gripper_radius`` [m] is used by the rule ``shortest``.
 
     Raises:
-        InvalidRequestError: an unknown rule or window.
+        InvalidRequestError: an unknown rule.
     """
-    if window not in ("rim", "paper"):
-        raise InvalidRequestError(f"window is {window!r}; use 'rim' or 'paper'")
     if rule not in get_args(DriftRule):
         raise InvalidRequestError(f"drift is {rule!r}; use one of {', '.join(get_args(DriftRule))}")
     y_g = scene.frame[1]
@@ -223,7 +218,7 @@ def drift_choices(
             tuple(obj.id for obj in objects),
             centers,
             directions,
-            passing_windows(scene, objects, directions, window, depth),
+            passing_windows(scene, objects, directions, depth),
         )
         for directions in (np.array(sides).reshape(-1, 3) for sides in chosen)
     )

@@ -190,7 +190,8 @@ def folders_of(variable: str) -> list[Path]:
     return [Path(part) for part in os.environ.get(variable, "").split(os.pathsep) if part]
 
 
-def built_in_twin(robot: Robot, names: Sequence[str]) -> str | None:
+@lru_cache(maxsize=32)  # compares robots by identity
+def built_in_twin(robot: Robot, names: tuple[str, ...]) -> str | None:
     """The robot among built-in ``names`` whose joints have the names, order, kinds, axes and places
     of ``robot``'s.
 

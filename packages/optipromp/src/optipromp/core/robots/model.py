@@ -3,6 +3,7 @@
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from optipromp.core.parameters import GRAVITY
 from optipromp.core.robots import kernels
 from optipromp.core.robots.description import NOT_TOLD, Arm, LeftOut, LinkGeometry
 from optipromp.core.robots.kernels import PRISMATIC, Kinematics, distances_between
-from optipromp.core.robots.mounted import loads_of, weight_of
+from optipromp.core.robots.mounted import weight_of
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.turns import Turns
 from optipromp.core.shown import Shown
@@ -71,6 +72,7 @@ class Robot(Shown):
     gripper_radius: float
     home: FloatArray
     tool: Tool | None = None
+    tool_links: int = 0  # of the tool and what it holds, the last of link_names
     held_joints: tuple[str, ...] = ()
     excess: Mapping[str, float] = field(default_factory=dict)  # [m] of fitted covers, by link
     left_out: tuple[LeftOut, ...] = ()
@@ -88,7 +90,7 @@ class Robot(Shown):
         """Number of independent joints."""
         return len(self.joint_names)
 
-    @property
+    @cached_property
     def turns(self) -> Turns:
         """Of which joints a whole turn changes nothing."""
         return Turns.of(self.kinematics, self.lower, self.upper)
@@ -105,19 +107,18 @@ class Robot(Shown):
     @property
     def n_own_links(self) -> int:
         """Number of links without the tool and what it holds, which come last."""
-        own = len(self.link_names) if self.tool is None else len(self.link_names) - 1
-        return own - len(loads_of(self.tool))
+        return len(self.link_names) - self.tool_links
 
     @property
     def n_segments(self) -> int:
         """Number of moving segments (more than joints where joints mimic one another)."""
         return int(self.kinematics.kind.shape[0])
 
-    @property
+    @cached_property
     def tool_rotation(self) -> FloatArray:
         """(3, 3) the tool's frame in that of the last segment: z the tool axis, y the opening."""
         turn = self.flange_rotation
-        return turn if self.tool is None else np.asarray(turn @ self.tool.rotation)
+        return turn if self.tool is None else frozen(turn @ self.tool.rotation)
 
     def check_configuration(self, q: FloatArray) -> FloatArray:
         """Return a copy of ``q`` as a float array (..., n).
@@ -180,12 +181,7 @@ class Robot(Shown):
 
     def self_gaps(self, q: FloatArray) -> FloatArray:
         """The gap (..., P) [m] of each of ``self_pairs`` at ``q`` (..., n), with its slack."""
-        centers, radius = self.sphere_centers(q), self.spheres.radius
-        flat, (i, j) = centers.reshape(-1, len(radius), 3), np.ascontiguousarray(self.self_pairs.T)
-        apart = np.empty((len(flat), len(i)))
-        kernels.distances_between(flat, flat, i, j, apart)
-        apart += self.self_slack - radius[i] - radius[j]
-        return apart.reshape(*centers.shape[:-2], len(i))
+        return _gaps(self, q, self.self_pairs) + self.self_slack
 
     def _frames(self, q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         s = self.n_segments
@@ -308,8 +304,10 @@ def drop_always_touching(robot: Robot, pairs: IntArray) -> IntArray:
 
 
 def _gaps(robot: Robot, q: FloatArray, pairs: IntArray) -> FloatArray:
-    """Surface distance (P,) [m] of each pair at ``q`` (n,)."""
-    centers, radius = robot.sphere_centers(q[None]), robot.spheres.radius
-    apart, (i, j) = np.empty((1, len(pairs))), np.ascontiguousarray(pairs.T)
-    distances_between(centers, centers, i, j, apart)
-    return np.asarray(apart[0] - (radius[i] + radius[j]))
+    """Surface distance (..., P) [m] of each pair at ``q`` (..., n)."""
+    centers, radius = robot.sphere_centers(q), robot.spheres.radius
+    flat, (i, j) = centers.reshape(-1, len(radius), 3), np.ascontiguousarray(pairs.T)
+    apart = np.empty((len(flat), len(i)))
+    distances_between(flat, flat, i, j, apart)
+    apart -= radius[i] + radius[j]
+    return apart.reshape(*centers.shape[:-2], len(i))

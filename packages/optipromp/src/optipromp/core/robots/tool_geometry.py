@@ -9,7 +9,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.distances import distances
-from optipromp.core.geometry.obstacles import pack
+from optipromp.core.geometry.obstacles import measures, simple
 from optipromp.core.geometry.shapes import BOX, GRID, Shape, box_axes
 
 MAX_SPHERES = 40  # per box or cylinder, chosen
@@ -198,7 +198,8 @@ def _cover(solid: Solid, excess: float) -> FloatArray:
 def _beyond(shape: Shape, points: FloatArray) -> FloatArray:
     """Lower bound (k,) of the distance of points (k, 3) from a convex shape, in its frame [m]."""
     if shape.measure.kind != GRID:
-        return distances(pack([(shape, np.zeros(3), np.eye(3))]), points)[0][:, 0]
+        here = simple(measures([shape]), np.zeros((1, 3)), np.eye(3)[None])
+        return distances(here, points)[0][:, 0]
     from scipy.spatial import ConvexHull
 
     faces = ConvexHull(shape.mesh().vertices).equations

@@ -312,6 +312,7 @@ def with_tool(robot: Robot, tool: Tool) -> Robot:
         tool_axis=frozen(rotation @ tool.rotation[:, 2]),
         gripper_radius=float(tool.gripper_radius),
         tool=tool,
+        tool_links=len(covers),
     )
     pairs = candidate_pairs(robot)
     pairs = pairs[pairs[:, 1] >= len(body.radius)]  # those of the arm are known
@@ -356,4 +357,5 @@ def without_tool(robot: Robot) -> Robot:
         tool_axis=frozen(robot.flange_rotation[:, 2]),
         gripper_radius=0.0,
         tool=None,
+        tool_links=0,
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +13,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 from pydantic import BeforeValidator
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen, joined, lengths, read_only
+from optipromp.core.arrays import FloatArray, IntArray, cross, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
@@ -28,7 +28,7 @@ from optipromp.core.scenes.goals import (
     RegionGoal,
     check_lines,
 )
-from optipromp.core.scenes.held import Attached, Pair, Place, check_held, pairs_among
+from optipromp.core.scenes.held import Attached, Pair, Place, check_held
 from optipromp.core.scenes.objects import (
     ROLES,
     STEM_RADIUS,
@@ -37,7 +37,6 @@ from optipromp.core.scenes.objects import (
     SceneObject,
     Stem,
     check_trusses,
-    rooted,
 )
 from optipromp.core.scenes.pose import Array, Direction, Framed, Padding, Pose, Span
 from optipromp.core.shown import Shown
@@ -89,7 +88,7 @@ class Approach(Framed, label="approach."):
     def __post_init__(self) -> None:
         super().__post_init__()
         z, y, lead = self.direction, self.lateral, self.lead
-        if np.linalg.norm(np.cross(y, z)) < _PARALLEL:
+        if np.linalg.norm(cross(y, z)) < _PARALLEL:
             raise InvalidSceneError(
                 f"approach.lateral {y.tolist()} is parallel to direction {z.tolist()}: "
                 "must point across it"
@@ -104,9 +103,9 @@ class Approach(Framed, label="approach."):
     def frame(self) -> FloatArray:
         """(3, 3) rows x_g, y_g, z_g with x_g = y_g × z_g: maps vectors to the target frame F_g."""
         z = self.direction
-        x = np.cross(self.lateral, z)
+        x = cross(self.lateral, z)
         x /= np.linalg.norm(x)
-        return frozen([x, np.cross(z, x), z])
+        return frozen([x, cross(z, x), z])
 
 
 @dataclass(frozen=True)
@@ -229,7 +228,7 @@ class Scene(Shown, Framed):
     def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
         return {role: self.objects_at(rows) for role, rows in self._rows.items()}
 
-    @property
+    @cached_property
     def target(self) -> SceneObject | None:
         """The object to reach; None if the scene has a goal instead."""
         return next(iter(self._by_role["target"]), None)
@@ -283,14 +282,15 @@ class Scene(Shown, Framed):
         return joined([item.rotation for item in self.objects]).reshape(-1, 3, 3)
 
     @cached_property
-    def _measures(self) -> Measures:
+    def measures(self) -> Measures:
+        """Kinds (N,), sizes (N, 3) and radii (N,) of the shapes, see :class:`Obstacles`."""
         kind, size, bound = measures([item.shape for item in self.objects])
         return read_only(kind), read_only(size), read_only(bound)
 
     @property
     def bounds(self) -> FloatArray:
         """Radii (N,) of balls about the positions that contain the shapes [m]."""
-        return self._measures[2]
+        return self.measures[2]
 
     def rows(self, role: Role) -> IntArray:
         """Indices (K,) of the ``objects`` of a role, in ascending order."""
@@ -338,23 +338,6 @@ class Scene(Shown, Framed):
         """The scene whose objects are as ``change`` returns them."""
         return replace(self, objects=tuple(change(item) for item in self.objects))
 
-    def aimed(self, target: str, picked: Collection[str] = ()) -> Scene:
-        """The scene with this ``target``, without ``picked`` fruits; other fruits are pushables."""
-        roles: dict[str, Role] = {i.id: "pushable" for i in self.objects if i.role == "target"}
-        roles[target] = "target"
-        objects = (
-            replace(item, role=roles.get(item.id, item.role))
-            for item in self.objects
-            if item.id not in picked
-        )
-        return replace(
-            self,
-            name=f"{self.name}-{target}",
-            objects=rooted(objects),
-            goal=None,
-            may_touch=pairs_among(self.may_touch, picked),
-        )
-
     def transformed(self, pose: Pose) -> Scene:
         """The same world in another frame, in which the present base has the ``pose``.
 
@@ -390,25 +373,27 @@ class Scene(Shown, Framed):
         """(3, 3) rows x_g, y_g, z_g of the target frame F_g."""
         return self.approach.frame
 
-    def obstacles(self, *roles: Role) -> Obstacles:
-        """The objects of ``roles`` (by default all), packed for the kernels, in their order."""
-        wanted = roles or ROLES
-        for role in wanted:
-            if role not in ROLES:
-                raise InvalidSceneError(f"role {role!r} is unknown: {suggest(role, ROLES)}")
-        return self.packed(np.sort(np.concatenate([self._rows[role] for role in wanted])))
 
-    def packed(self, rows: IntArray, *, reach: float = 0.0, within: float = 0.0) -> Obstacles:
-        """The ``objects`` at indices (K,), packed for the kernels in that order.
+def obstacles_of(scene: Scene, *roles: Role) -> Obstacles:
+    """A scene's objects of ``roles`` (by default all), packed for the kernels, in their order."""
+    wanted = roles or ROLES
+    for role in wanted:
+        if role not in ROLES:
+            raise InvalidSceneError(f"role {role!r} is unknown: {suggest(role, ROLES)}")
+    return packed(scene, np.sort(np.concatenate([scene.rows(role) for role in wanted])))
 
-        ``reach`` and ``within``: see :func:`optipromp.core.geometry.obstacles.pack`.
-        """
-        kind, size, bound = self._measures
-        shapes = [obj.shape for obj in self.objects_at(rows)]
-        return packed_shapes(
-            shapes, self.positions[rows], self.rotations[rows],
-            (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
-        )  # fmt: skip
+
+def packed(scene: Scene, rows: IntArray, *, reach: float = 0.0, within: float = 0.0) -> Obstacles:
+    """A scene's ``objects`` at indices (K,), packed for the kernels in that order.
+
+    ``reach`` and ``within``: see :func:`optipromp.core.geometry.obstacles.pack`.
+    """
+    kind, size, bound = scene.measures
+    shapes = [obj.shape for obj in scene.objects_at(rows)]
+    return packed_shapes(
+        shapes, scene.positions[rows], scene.rotations[rows],
+        (kind[rows], size[rows], bound[rows]), reach=reach, within=within,
+    )  # fmt: skip
 
 
 def bare_robot(scene: Scene) -> Robot:

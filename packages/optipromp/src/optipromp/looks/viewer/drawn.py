@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import Picked, Plan
-from optipromp.core.planning.legs import legs_of
+from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import SceneObject
@@ -22,6 +22,7 @@ COLOURS = ROLES | {"avoid": "#93a1b0"}
 SAME = 1e-9  # [rad or m] largest difference of trajectories that coincide
 STILL = 1e-3  # [m] an object that moves by less does not count as pushed
 BENDS = 12  # pieces of a bent stem
+KEYS = 16  # moments at which the push is predicted
 
 
 @dataclass(frozen=True)
@@ -153,6 +154,35 @@ def held(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
     axes = robot.segment_frames(q)[1][-1] @ robot.tool_rotation
     at, turn = robot.tool_pose(q)[0], axes @ from_quaternion(fruit.orientation)
     return (Placed(target, at + axes @ fruit.position, turn, None, COLOURS["target"]),)
+
+
+@dataclass(frozen=True, eq=False)
+class PushedPlaces:
+    """The predicted ``places`` of the objects at each of the ``times`` [s]."""
+
+    times: FloatArray
+    places: tuple[tuple[Placed, ...], ...]
+
+    def at(self, now: float) -> tuple[Placed, ...]:
+        """The places nearest in time."""
+        return self.places[int(np.abs(self.times - now).argmin())]
+
+    def shifts(self) -> dict[str, float]:
+        """The largest distance by which each object is pushed, by id [m]."""
+        of_each = zip(*self.places, strict=True)  # object, in time; the target goes with the tool
+        pushed = (row for row in of_each if row[0].item.role != "target")
+        return {row[0].item.id: max(each.shift for each in row) for row in pushed}
+
+
+def pushed(made: Plan | Picked) -> PushedPlaces:
+    """The predicted places of the scene's objects along a plan or a pick."""
+    (plan, *later), end = legs_of(made).values(), curve_of(made).duration
+    last = plan.trajectory.n_waypoints - 1
+    pushes = plan.push_model is not None
+    rows = np.linspace(plan.first, last, KEYS).round().astype(int) if pushes else [0]
+    times = plan.trajectory.times[np.unique(np.append(0, rows))]
+    times = np.append(times, np.linspace(plan.duration, end, KEYS * len(later) + 1)[1:])
+    return PushedPlaces(times, tuple(shown_at(made, float(time)) for time in times))
 
 
 def tool_path(plan: Plan) -> FloatArray:

@@ -413,12 +413,12 @@ class Standing(PushModel):
 
 def applies(scene: Scene, tool: Tool | None) -> bool:
     """Whether the approach is level, and a pushable stands in the scene."""
-    if scene.target is None or tool is None:
-        return False
     stands = any(obj.stem is None for obj in scene.pushables)
+    if scene.target is None or tool is None or not stands:
+        return False
     _, y_g, z_g = scene.frame
     steep = max(abs(float(z_g @ scene.up)), abs(float(y_g @ scene.up)))
-    return stands and bool(steep < np.sin(np.deg2rad(STANDING.tilt)))
+    return bool(steep < np.sin(np.deg2rad(STANDING.tilt)))
 
 
 @lru_cache(maxsize=32)

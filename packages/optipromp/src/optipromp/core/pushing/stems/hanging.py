@@ -20,7 +20,7 @@ from optipromp.core.geometry import signed_distance
 from optipromp.core.geometry.obstacles import Obstacles, near
 from optipromp.core.pushing import rules
 from optipromp.core.pushing.model import Candidates, Guided, Moved, PushModel, Round, Schedule
-from optipromp.core.pushing.parameters import PUSH, Calibration
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.pushing.stems import bending, kept_states, swinging
 from optipromp.core.pushing.stems.cup import Mouth, fits, steps_inside
@@ -31,7 +31,7 @@ from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import WALL, cone_of
 from optipromp.core.scenes.objects import UNSEEN_SPREAD
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, packed
 
 HANGING = PUSH.hanging
 BEAM = PUSH.beam
@@ -228,7 +228,7 @@ class Hanging(PushModel):
         self.cup = cup._replace(cone=cone_of(tool))
         where = target.position, HANGING.around
         self.static, avoid = (
-            near(scene.packed(scene.around(*where, role)), *where) for role in ("static", "avoid")
+            near(packed(scene, scene.around(*where, role)), *where) for role in ("static", "avoid")
         )
         fruits = (target, *_hanging(scene, target, neighbours))
         hidden = any(fruit.stem is not None and fruit.stem.unseen for fruit in fruits)
@@ -251,11 +251,6 @@ class Hanging(PushModel):
     def count(self) -> int:
         """Number of fruits."""
         return len(self.fruits)
-
-    @property
-    def on_leaving(self) -> Calibration:
-        """The calibration of ways out."""
-        return PUSH.known_out if self.calibration is PUSH.known else PUSH.detected_out
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
@@ -309,34 +304,6 @@ class Hanging(PushModel):
         out._way = self._way._replace(leaves=first)
         out.least = 0.0  # the target is inside, or it was not picked
         return out
-
-    def departing(self, speed: float) -> Self:
-        """The model of motions out at a ``speed`` [m/s], from rest where :meth:`after` led.
-
-        Only what happens on the way out is harm; the harm of a state is at most 1.
-        """
-        out = self.leaving(0)
-        kept, behind = self._before
-        out._before = _Before(kept_states.at_rest(kept), behind[-1:])
-        out._way = _Way(0, speed, HANGING.every_out, 1.0)
-        return out
-
-    def after(self, points: FloatArray, axes: FloatArray, states: int) -> Self:
-        """The model of motions that go on from here, after the tool was led through points (P, 3).
-
-        The next motion begins at the last point. The model may be asked for :meth:`harm` in
-        ``states`` states at most and, where that is 1, for :meth:`moved`. P is 1 more than a
-        multiple of ``HANGING.every``: points of both motions fall on the same steps. Not for roots
-        that drift.
-        """
-        on, count, (before, behind) = copy.copy(self), self.count, self._before
-        first = self.searched if states > self.searched else 0
-        some, (points, axes, dt) = self._steps(first, states, points, axes)
-        width = kept_states.width(dt)
-        kept = before.copy() if len(before) else np.zeros((states, count, width))
-        swinging.lead_on(some, count, points, axes, dt, self.cup, self.static, len(behind), kept)
-        on._before = _Before(kept, np.hstack([points, axes])[-((width - kept_states.ROWS) // 2) :])
-        return on
 
     def clear(self, points: FloatArray, axes: FloatArray) -> bool:
         every, (points, axes, _) = self._steps(0, self.searched + self.states, points, axes, 1)
@@ -420,6 +387,36 @@ class Hanging(PushModel):
         return some, (points, axes, every * STEP / HANGING.model_speed)
 
 
+def after(model: Hanging, points: FloatArray, axes: FloatArray, states: int) -> Hanging:
+    """The model of motions that go on from here, after the tool was led through points (P, 3).
+
+    The next motion begins at the last point. The model may be asked for its harm in ``states``
+    states at most and, where that is 1, for the places to which fruits move. P is 1 more than a
+    multiple of ``HANGING.every``: points of both motions fall on the same steps. Not for roots that
+    drift.
+    """
+    on, count, (before, behind) = copy.copy(model), model.count, model._before
+    first = model.searched if states > model.searched else 0
+    some, (points, axes, dt) = model._steps(first, states, points, axes)
+    width = kept_states.width(dt)
+    kept = before.copy() if len(before) else np.zeros((states, count, width))
+    swinging.lead_on(some, count, points, axes, dt, model.cup, model.static, len(behind), kept)
+    on._before = _Before(kept, np.hstack([points, axes])[-((width - kept_states.ROWS) // 2) :])
+    return on
+
+
+def departing(model: Hanging, speed: float) -> Hanging:
+    """The model of motions out at a ``speed`` [m/s], from rest where :func:`after` led.
+
+    Only what happens on the way out is harm; the harm of a state is at most 1.
+    """
+    out = model.leaving(0)
+    kept, behind = model._before
+    out._before = _Before(kept_states.at_rest(kept), behind[-1:])
+    out._way = _Way(0, speed, HANGING.every_out, 1.0)
+    return out
+
+
 class Leaving(Guided):
     """The push model of ways out after a push: on them, pulls along the stems are harm, too.
 
@@ -435,10 +432,11 @@ class Leaving(Guided):
         self, model: Hanging, points: FloatArray, axes: FloatArray, least: float = 0.0
     ) -> None:
         super().__init__(model)
-        self.calibration, self.least = model.on_leaving, least
+        known = model.calibration is PUSH.known
+        self.calibration, self.least = PUSH.known_out if known else PUSH.detected_out, least
         self.threshold = self.calibration.allowed(model.risk)
         self.states = model.states // 2  # measured: 12 of 24 tell as well, docs/decisions.md
-        self._going = model.after(points, axes, max(self.states, model.searched + 1))
+        self._going = after(model, points, axes, max(self.states, model.searched + 1))
         self._before = model, points, axes
 
     def at(self, speed: float) -> "Leaving":
@@ -451,22 +449,22 @@ class Leaving(Guided):
     def _seen(self) -> Hanging:
         """The model of the perceived state."""
         model, points, axes = self._before
-        return model.after(points, axes, 1)
+        return after(model, points, axes, 1)
 
     def harm(
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
-        going = self._going.departing(self.speed)
+        going = departing(self._going, self.speed)
         return self.least + going.harm(points, axes, states, limit - self.least)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        return self._going.departing(self.speed).cause(points, axes)
+        return departing(self._going, self.speed).cause(points, axes)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
-        return self._seen.departing(self.speed).forces(points, axes)
+        return departing(self._seen, self.speed).forces(points, axes)
 
     def moved(self, points: FloatArray, axes: FloatArray) -> Moved:
-        return self._seen.departing(self.speed).moved(points, axes)
+        return departing(self._seen, self.speed).moved(points, axes)
 
 
 def _hanging(

@@ -117,8 +117,8 @@ def relax(s, f, c, d, step, solid, look):
             if kind == contacts.ON_CUP:
                 gap, n0, n1, n2, share = contacts.on_cup(s, f, i, at, cup)
             elif kind == contacts.STEM_ON_CUP:
-                share = contacts.piece(s, c, i, other)
-                if look and (share == 0.0 or share > last or other < clear):
+                share = 0.0 if look and other < clear else contacts.piece(s, c, i, other)
+                if look and (share == 0.0 or share > last):
                     continue
                 x, y, z = contacts.place(s, f.u, i, s.length[i] - f.up[i], share)
                 gap, n0, n1, n2 = stem_gap(x, y, z, s.thickness[i], within, at, cup)
@@ -226,7 +226,8 @@ def _step(s, f, i, d):
     ``SWING.reversal`` of the last step would go on for ever: it and all later steps are halved.
     """
     change, last = d.v, d.last
-    far = back = before = 0.0
+    square, most = 0.0, 0  # of the loaded point that moves farthest
+    back = before = 0.0
     for a in range(2 * contacts.LOADS):
         change[a] = 0.0
         for b in range(2 * contacts.LOADS):
@@ -234,7 +235,10 @@ def _step(s, f, i, d):
         back -= change[a] * last[i, a]
         before += last[i, a] ** 2
     for a in range(contacts.LOADS):
-        far = max(far, math.hypot(change[a], change[contacts.LOADS + a]))
+        across = change[a] ** 2 + change[contacts.LOADS + a] ** 2
+        if across > square:
+            square, most = across, a
+    far = math.hypot(change[most], change[contacts.LOADS + most])
     if back > SWING.reversal * before:
         d.eased[i] *= 0.5
     scale: float = min(d.eased[i], SWING.farthest / max(far, 1e-12))

@@ -26,8 +26,8 @@ def forest(shares: Shares) -> str:
     """Shares with their intervals as SVG: a panel beside the other, a line for each share."""
     series = list(dict.fromkeys(s for p in shares.values() for each in p.values() for s in each))
     labels: dict[str, list[str]] = {}
-    for panel in shares.values():
-        for label, each in panel.items():
+    for lines in shares.values():
+        for label, each in lines.items():
             labels[label] = [
                 name for name in series if name in each or name in labels.get(label, ())
             ]
@@ -59,8 +59,8 @@ def forest(shares: Shares) -> str:
                 middle = tops[label] + LINE * (labels[label].index(name) + 0.5)
                 at, low, high = (left + each / scale for each in share)
                 which = series.index(name)
-                line = f'd="M{low:.1f} {middle:g}H{high:.1f}" stroke="{COLOURS[which]}"'
-                out += [f"<path {line}/>", dot(at, middle, which)]
+                path = f'd="M{low:.1f} {middle:g}H{high:.1f}" stroke="{COLOURS[which]}"'
+                out += [f"<path {path}/>", dot(at, middle, which)]
     return "\n".join([*out, "</svg>", ""])
 
 
