@@ -99,54 +99,13 @@ def keep(made: Path, shown: Path) -> None:
     print(shown.relative_to(ROOT), f"{shown.stat().st_size / 1e3:.0f} kB", flush=True)
 
 
-def guard(path: Path) -> None:
-    """Draw what a policy wishes, and what the guard lets through (examples/13_guard.py)."""
-    import contextlib
-    import io
-    import runpy
-
-    import matplotlib.pyplot as plt
-    import numpy as np
-
-    from optipromp import State
-
-    with contextlib.redirect_stdout(io.StringIO()):
-        example = runpy.run_path(str(ROOT / "examples/13_guard.py"))
-    scene, policy = example["scene"], example["policy"]
-    kept = type(example["guard"])(scene)
-    state = State(kept.robot.home if scene.start is None else scene.start)
-    rows = []
-    for k in range(400):
-        point, _ = kept.robot.tool_pose(state.q)
-        wish = policy.act(point)
-        safe = kept(kept.tool(wish, state), state)
-        state = safe.reference
-        moved = (kept.robot.tool_pose(state.q)[0] - point) / 0.02
-        left = float(np.linalg.norm(scene.target.position - point))
-        rows.append((0.02 * k, np.linalg.norm(wish), np.linalg.norm(moved), left))
-    time_, wished, given, left_ = np.array(rows).T
-    figure, (above, below) = plt.subplots(2, sharex=True, figsize=(9, 5), layout="constrained")
-    above.plot(time_, wished, label="the policy's wish")
-    above.plot(time_, given, label="what the guard lets through")
-    above.set_ylabel("speed of the tool [m/s]")
-    above.legend()
-    below.plot(time_, 1e3 * left_, color="black")
-    below.set_ylabel("way left to the ripe fruit [mm]")
-    below.set_xlabel("time [s]")
-    figure.savefig(path, dpi=130)
-
-
 def main() -> None:
     """Make all pictures, or those that are named."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--only", nargs="*", default=None)
     parser.add_argument("--patience", type=float, default=120.0, help="[s] for a page in a browser")
-    parser.add_argument("--guard", type=Path, help="draw the picture of the guard there, only")
     chosen = parser.parse_args()
-    if chosen.guard:
-        guard(chosen.guard)
-        return
     chosen.folder.mkdir(parents=True, exist_ok=True)
     for shown, made, commands in entries():
         if chosen.only is not None and shown.stem.removeprefix("gallery-") not in chosen.only:

@@ -6,7 +6,8 @@
 The table has clean and harmed without the guard and with it, with Wilson's intervals (95 %), the
 share of periods in which the guard acted, and its time a step. A run behind the guard ends where
 the arm has stood still for 4 s. Motions of entries that plan are followed by joint velocities, in
-both cases. The second command draws a scene four times faster: alone, and at the right guarded.
+both cases. With ``takes_over`` the loop goes on behind the guard. The second command draws a scene
+four times faster: alone, guarded, and at the right where the loop takes over.
 """
 
 import itertools
@@ -39,7 +40,7 @@ STILL, REST = 4.0, 1e-3  # [s], [rad/s]: behind the guard an arm that stands so 
 SLOWED = 0.5  # [s] twice, before the end of a run: in the first the wishes go to 0
 RESULTS = "clean", "harmed"
 SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
-VIEW = 480, 540  # [pixel] of each half of a film
+VIEW = 480, 810  # [pixel] of each part of a film
 Policy = Callable[[Observation], FloatArray]
 
 
@@ -52,6 +53,7 @@ class Guards:
     seeds: tuple[int, int] = (940_000, 940_005)
     engines: tuple[str, ...] = ("arm",)
     conditions: tuple[str, ...] = ("none",)
+    takes_over: bool = False
 
     def asks(self) -> list[dict[str, Any]]:
         """See :class:`optipromp_bench.experiments.kinds.Kind`."""
@@ -60,7 +62,8 @@ class Guards:
             self.entries, self.engines, self.conditions, (False, True), range(*self.seeds),
             self.presets,
         )  # fmt: skip
-        asks = [dict(zip(names, each, strict=True)) for each in all_]
+        over = {"takes_over": self.takes_over}
+        asks = [dict(zip(names, each, strict=True)) | over for each in all_]
         return [ask for ask in asks if ask["engine"] == "arm" or ask["condition"] in STEADY]
 
     def trial(self, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -131,17 +134,21 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     policy = policy_of(ask["entry"], episode, seed)
     if policy is None:
         return {"result": "refused", "causes": ""}, None
-    moved, patience = 0.0, STILL if ask["guarded"] and not wanders else most
+    guard = None
+    if ask["guarded"]:
+        guard = Guard(episode.scene, episode.robot, takes_over=ask["takes_over"])
+    moved, patience = 0.0, STILL if guard and not wanders else most
 
     def act(seen: Observation) -> FloatArray | None:
         nonlocal moved
         if seen.time >= min(most, moved + patience):
             return None
-        moved = seen.time if np.abs(seen.velocity).max() > REST else moved
+        led = guard is not None and guard.leads
+        moved = seen.time if led or np.abs(seen.velocity).max() > REST else moved
         left = most - seen.time  # a run of its longest time ends at rest
         return policy(seen) * min(max(left - SLOWED, 0.0) / SLOWED, 1.0)
 
-    agent = Driven(act, guard=Guard(episode.scene, episode.robot) if ask["guarded"] else None)
+    agent = Driven(act, guard=guard)
     rollout(agent, episode)
     simulation, seconds = episode.simulation, round(episode.time, 2)
     end = simulation.time
@@ -194,17 +201,18 @@ def steps_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
 
 
 def film(path: Path, entry: str, preset: str, seed: int, slow: float) -> None:
-    """Draw a scene twice as a GIF: the policy alone at the left, behind the guard at the right."""
+    """Draw a scene as a GIF: alone, guarded, and at the right where the loop takes over."""
     from optipromp_sim.simulation import film as films
 
     fps, runs = 10, list[Run]()
     ask = {"entry": entry, "preset": preset, "seed": seed, "engine": "arm", "condition": "none"}
-    for guards in (False, True):
-        row, run = driven({**ask, "guarded": guards})
+    ways = {"alone": (False, False), "guarded": (True, False), "takes over": (True, True)}
+    for way, (guards, over) in ways.items():
+        row, run = driven({**ask, "guarded": guards, "takes_over": over})
         if run is None:
             raise SystemExit(f"{entry} does not move in {preset} {seed}")
         runs.append(run)
-        print("behind the guard" if guards else "alone", row["result"], row["causes"], flush=True)
+        print(way, row["result"], row["causes"], flush=True)
     times = max((films.moments(run, fps, slow) for run in runs), key=len)
     drawn = (films.frames(run, times, films.View(*VIEW), caption=True) for run in runs)
     path.write_bytes(films.gif([np.hstack(pair) for pair in zip(*drawn, strict=True)], fps))

@@ -43,7 +43,7 @@ def array(*items, stamp=EPOCH, frame="camera"):
     )
 
 
-def array_of(look: Look, stamp):
+def array_of(look: Look, stamp, frame="camera"):
     """What a node of a detector sends of a look."""
     items = []
     for item in look.detections:
@@ -56,4 +56,4 @@ def array_of(look: Look, stamp):
         items.append(
             seen(name, item.position, size=size, up=up / np.linalg.norm(up), spread=spread)
         )
-    return array(*items, stamp=stamp)
+    return array(*items, stamp=stamp, frame=frame)

@@ -328,8 +328,13 @@ class Guarded(gymnasium.Wrapper[Any, Any, Any, Any]):
 
     Each ``info`` has ``guard``: what the guard made of the action
     (:class:`optipromp_loop.guard.Safe`), and ``action``: the action that was executed, in the
-    environment's action space: a label for learners.
+    environment's action space: a label for learners. ``takes_over``: of the guard, see
+    :class:`optipromp_loop.guard.Guard`; ``guard.mover`` then says who moves the arm.
     """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], takes_over: bool = False) -> None:
+        super().__init__(env)
+        self._takes_over = takes_over
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -338,7 +343,7 @@ class Guarded(gymnasium.Wrapper[Any, Any, Any, Any]):
         seen, info = self.env.reset(seed=seed, options=options)
         env = self._pick()
         assert env.episode is not None
-        env.guard = Guard(env.episode.scene, env.episode.robot)
+        env.guard = Guard(env.episode.scene, env.episode.robot, takes_over=self._takes_over)
         return seen, info
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:

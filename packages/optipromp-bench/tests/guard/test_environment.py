@@ -5,8 +5,6 @@ import numpy as np
 import pytest
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.judging import RATES, extremes
-from optipromp.core.trajectory import Trajectory
 from optipromp_bench.env import JOINTS, SPEED, Guarded, PickEnv
 from optipromp_bench.episodes import EpisodeAsk, driven_episode
 
@@ -25,7 +23,9 @@ def test_actions_pass_the_guard_and_labels_are_those_executed(action: str) -> No
         q = pick.episode.reference.q
         _, _, terminated, _, info = env.step(wish)
         safe = info["guard"]
-        assert pick.episode.reference.velocity == pytest.approx(safe.velocity)
+        for name in ("q", "velocity", "acceleration"):  # of a curve whose limits are proven
+            told = getattr(pick.episode.reference, name)
+            assert told == pytest.approx(getattr(safe.reference, name), abs=1e-9)
         assert info["action"].shape == env.action_space.shape
         acted += safe.acted
         if not safe.acted:
@@ -38,27 +38,6 @@ def test_actions_pass_the_guard_and_labels_are_those_executed(action: str) -> No
             wanted = pick.episode.scene.frame @ (along @ safe.velocity) / SPEED
             assert info["action"] == pytest.approx(np.clip(wanted, -1.0, 1.0), abs=1e-6)
         assert not terminated
-    env.close()
-
-
-def test_what_the_arm_is_told_in_an_episode_keeps_all_limits() -> None:
-    env = Guarded(PickEnv("cluster", action="joints"))
-    env.reset(seed=3, options={"preset": "cluster", "scene": 900_002})
-    pick = env.unwrapped
-    assert isinstance(pick, PickEnv)
-    assert pick.episode is not None
-    rng, states = np.random.default_rng(3), [pick.episode.reference]
-    for k in range(80):
-        if k % 10 == 0:
-            wish = rng.uniform(-1.0, 1.0, env.action_space.shape)
-        env.step(wish)
-        states.append(pick.episode.reference)
-    rows = [np.array([getattr(s, name) for s in states])
-            for name in ("q", "velocity", "acceleration")]  # fmt: skip
-    robot = pick.episode.robot
-    motion = Trajectory(0.02 * np.arange(len(states)), *rows, robot.joint_names)
-    limits = np.array([getattr(robot, name) for name in RATES])
-    assert (extremes(motion).largest <= limits * (1.0 + 1e-6)).all()
     env.close()
 
 

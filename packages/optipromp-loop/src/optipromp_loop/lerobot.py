@@ -238,13 +238,17 @@ class GuardStep(Commands, ProcessorStep):
     arm is taken to be where it was sent. The time is that of the actions.
 
     Attributes:
-        safe: what the guard made of the last action; its reason is in ``info["guard"]``, too.
+        takes_over: of the guard, see :class:`optipromp_loop.guard.Guard`; not for the commands
+            ``tool``, as the loop moves joints.
+        safe: what the guard made of the last action; its reason is in ``info["guard"]``, who moves
+            the arm in ``info["mover"]``, too.
     """
 
+    takes_over: bool = False
     safe: Safe | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
-        check_one_of("commands", self.commands, COMMANDS)
+        check_one_of("commands", self.commands, COMMANDS[: 2 if self.takes_over else 3])
         self.use(load_scene(self.scene))
 
     def use(self, scene: Scene) -> None:
@@ -254,7 +258,8 @@ class GuardStep(Commands, ProcessorStep):
 
     def reset(self) -> None:
         """Begin anew, at the first observation."""
-        self.guard = Guard(self._scene, parameters=GuardParameters(period=1.0 / self.rate))
+        given = GuardParameters(period=1.0 / self.rate)
+        self.guard = Guard(self._scene, parameters=given, takes_over=self.takes_over)
         self.safe, self._count = None, 0
 
     def __call__(self, transition: Any) -> Any:
@@ -287,7 +292,8 @@ class GuardStep(Commands, ProcessorStep):
         else:
             new = torch.as_tensor(given, dtype=torch.float32).reshape(torch.as_tensor(action).shape)
         out[TransitionKey.ACTION] = new
-        out[TransitionKey.INFO] = {**(out.get(TransitionKey.INFO) or {}), "guard": safe.reason}
+        told = {"guard": safe.reason, "mover": safe.mover}
+        out[TransitionKey.INFO] = {**(out.get(TransitionKey.INFO) or {}), **told}
         return out
 
     def _state(self, seen: Mapping[str, Any]) -> State:
@@ -304,7 +310,8 @@ class GuardStep(Commands, ProcessorStep):
 
     def get_config(self) -> dict[str, Any]:
         """As the step was made."""
-        return {"scene": self.scene, "rate": self.rate, "commands": self.commands}
+        names = "scene", "rate", "commands", "takes_over"
+        return {name: getattr(self, name) for name in names}
 
     def transform_features(
         self, features: dict[PipelineFeatureType, dict[str, PolicyFeature]]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -33,11 +34,22 @@ FREE = Scene(name="free", robot="panda", objects=(), goal=JointGoal(np.array(HOM
 Policy = Callable[[int, State], FloatArray]
 
 
-def driven(guard: Guard, start: State, policy: Policy, steps: int) -> tuple[Trajectory, list[Safe]]:
-    """What an arm executes that follows the guard exactly, and stops at the end."""
+def driven(
+    guard: Guard, start: State, policy: Policy, steps: int, *, seen: Scene | None = None,
+    silent: range = range(0),
+) -> tuple[Trajectory, list[Safe]]:  # fmt: skip
+    """What an arm executes that follows the guard exactly, and stops at the end.
+
+    ``seen``: shown by looks; None: there are none, and no time. ``silent``: steps without a state.
+    """
     states, told, state = [start], [], start
     for k in range(steps):
-        safe = guard(policy(k, state), state)
+        time, looks = None if seen is None else PERIOD * k, list[Look]()
+        if seen is not None and k % 4 == 0:
+            looks = [shown(PERIOD * k, *(o for o in seen.objects if o.role != "static"))]
+        asked = None if k in silent else policy(k, state)
+        safe = guard.blind("silent") if asked is None else guard(asked, state, looks, time)
+        assert safe is not None
         told.append(safe)
         state = safe.reference
         states.append(state)
@@ -305,6 +317,26 @@ def test_a_sweep_across_a_stem_harms_less_than_it_would(cluster: Scene) -> None:
     assert any(safe.probability > 0.0 for safe in told)
 
 
+def to(guard: Guard, by: FloatArray, state: State, speed: float = 0.15) -> FloatArray:
+    """The action that leads the tool point on by ``by`` (3,)."""
+    return guard.tool(speed * by / max(float(np.linalg.norm(by)), 0.05), state)
+
+
+def test_a_wish_that_was_refused_does_not_pass_from_rest() -> None:
+    """From rest it reaches less far, so less harm is predicted."""
+    scene = generate("cluster", 185_562)
+    guard, (_, start) = Guard(scene), posed(scene)
+    assert scene.target is not None
+    place = scene.target.position
+
+    def straight(k: int, state: State) -> FloatArray:
+        return to(guard, place - guard.robot.tool_pose(state.q)[0], state, 0.1)
+
+    _, told = driven(guard, start, straight, 350)
+    refused = ["harm is predicted" in safe.reason for safe in told].index(True)
+    assert all(safe.braked for safe in told[refused:])
+
+
 def test_the_tool_is_slow_among_fruits(cluster: Scene) -> None:
     made = plan(cluster, seed=1)
     robot, fast = made.robot, made.trajectory.slowed(0.4)
@@ -442,3 +474,57 @@ def test_a_wrist_that_is_reported_within_a_turn_makes_no_step(limit: float) -> N
         made.append(out)
     np.testing.assert_allclose(made[1], made[0], atol=1e-9)
     assert made[0][-1] > np.pi
+
+
+# -- the loop takes over; in the physics: packages/optipromp-bench/tests/guard/test_takeover.py
+
+
+def movers(told: list[Safe]) -> list[tuple[str, int]]:
+    """Who moved the arm, for how many periods, in order."""
+    return [(name, len([*some])) for name, some in groupby(told, lambda safe: safe.mover)]
+
+
+def test_the_loop_picks_where_harm_is_predicted_and_the_policy_has_the_arm_again() -> None:
+    """It goes straight at the fruit, and back once the loop has had the arm.
+
+    While the loop pushes, states of the arm are missing for a second.
+    """
+    scene = generate("cluster", 941_000)
+    guard, (robot, start) = Guard(scene, takes_over=True), posed(scene)
+    assert scene.target is not None
+    place, up, led = scene.target.position, scene.frame[2], False
+
+    def straight(k: int, state: State) -> FloatArray:
+        nonlocal led
+        led = led or guard.leads
+        by = -0.02 * up if led else place - guard.robot.tool_pose(state.q)[0]
+        return to(guard, by, state)
+
+    motion, told = driven(guard, start, straight, 620, seen=scene, silent=range(280, 330))
+    assert [name for name, _ in movers(told)] == ["policy", "guard", "loop", "policy"]
+    assert told[279].reason == "the loop has the arm (push): harm is predicted"
+    assert told[279].probability > 0.0
+    assert told[279].reference.moving
+    assert not told[329].reference.moving
+    away = lengths(guard.robot.tool_pose(motion.positions)[0] - place)
+    assert away.min() < 0.01
+    assert away[-1] > 0.1  # out again
+    held = [safe.holding for safe in told].index(True)
+    assert abs(held - int(away.argmin())) < 30
+    limits = np.array([getattr(robot, name) for name in RATES])
+    assert (extremes(motion).largest[:2] <= limits[:2] * (1.0 + 1e-6)).all()
+
+
+def test_a_policy_held_up_for_a_second_hands_over_to_a_loop_that_may_give_up_twice() -> None:
+    """A wrist is turned beyond its range; the fruits are out of reach."""
+    far = generate("cluster", 7).each(lambda item: item.shifted(np.array([1.5, 0.0, 0.0])))
+    guard = Guard(far, takes_over=True, parameters=GuardParameters(takeovers=2))
+    wish, start = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0]), posed(far)[1]
+    _, told = driven(guard, start, lambda k, state: wish, 700, seen=far)
+    names, spells = zip(*movers(told), strict=True)
+    assert names == ("policy", *2 * ("guard", "loop"), "guard")
+    assert 50 < spells[1] < 100
+    assert spells[3] in (50, 51)
+    assert spells[-1] > 100
+    with pytest.raises(InvalidRequestError, match="time is None: a guard that takes over needs it"):
+        guard(wish, told[-1].reference)

@@ -33,12 +33,14 @@ class GuardFilter:
         scene: robot, tool, fruits and what stands still.
         parameters: of the detections.
         prefix: of joint and link names in ROS.
+        takes_over: of the guard, see :class:`optipromp_loop.guard.Guard`.
     """
 
     def __init__(
-        self, scene: Scene, parameters: live.DetectionParameters | None = None, prefix: str = ""
-    ) -> None:
-        self.guard = Guard(scene)
+        self, scene: Scene, parameters: live.DetectionParameters | None = None, prefix: str = "",
+        takes_over: bool = False,
+    ) -> None:  # fmt: skip
+        self.guard = Guard(scene, takes_over=takes_over)
         self.safe: Safe | None = None
         self._parameters = parameters or live.DetectionParameters()
         self._prefix, self._base = prefix, scene.base
@@ -103,10 +105,13 @@ class GuardFilter:
         yield message(COMMAND, data=np.zeros(self.guard.robot.n_joints))
 
     def status(self) -> Message:
-        """A ``diagnostic_msgs/DiagnosticStatus``: why the last command is not what was asked."""
+        """A ``diagnostic_msgs/DiagnosticStatus``: why the last command is not what was asked, who
+        moves the arm, and whether a gripper may close."""
         words = self._trouble or (self.safe.reason if self.safe else "")
-        level = ERROR if self._trouble else WARN if words else OK
-        return diagnostic(level, "guard", words or "as asked", self.guard.robot.name)
+        level, told = ERROR if self._trouble else WARN if words else OK, dict[str, str]()
+        if self.safe is not None:
+            told = {"mover": self.safe.mover, "gripper": "close" if self.safe.holding else "open"}
+        return diagnostic(level, "guard", words or "as asked", self.guard.robot.name, told)
 
     def _decided(self, state: State, now: int) -> Safe:
         """What the guard gives for a state, and the newest command and looks."""
@@ -116,4 +121,4 @@ class GuardFilter:
         if len(wish) < self.guard.robot.n_joints:
             wish = self.guard.tool(wish, state)
         looks, self._looks = self._looks, []
-        return self.guard(wish, state, looks)
+        return self.guard(wish, state, looks, 1e-9 * now)

@@ -17,6 +17,7 @@ from optipromp.core.errors import (
     OptiPrompError,
     StartInvalidError,
 )
+from optipromp.core.execution.executor import standing
 from optipromp.core.execution.streaming import Line, Stretch
 from optipromp.core.planning import Plan, PlanOptions, plan
 from optipromp.core.planning.planners import factory
@@ -202,12 +203,18 @@ class PickLoop:
         if stretch is None:
             return None
         newest, begins = self._arm.newest, stretch.begins
-        line = self._line or Line.of(stretch.curve, begins)
+        stood = standing(self.controller.robot, newest[1]) if newest else stretch.curve
+        line = self._line or Line.of(stood, min(time, begins))
         stands = not np.ptp(stretch.curve.positions, axis=0).any()
         if stands and line.at(begins).near(stretch.at(begins), 1e-9):
             return None  # a controller of the arm holds it where it stands
         since = time if newest is None else min(time, newest[0])  # it is asked for the state then
-        self._line = line.take(stretch, since, anew=self.controller.lost)
+        try:
+            self._line = line.take(stretch, since, anew=self.controller.lost)
+        except ExecutionError as error:  # the arm comes to rest on the curve that runs
+            self._trouble = error.message
+            stretch = self.controller.driver.brake(begins, line.at(begins))
+            self._line = line.take(stretch, since)
         assert self._origin is not None
         return trajectories.stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
 

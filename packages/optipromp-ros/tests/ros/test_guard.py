@@ -1,17 +1,23 @@
 """The guard between two topics: what it sends where nothing is heard."""
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
+from tests.ros.looks import EPOCH, SIGMA, array_of
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes import load_scene
-from optipromp_ros import GuardFilter, message
+from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.pose import Pose
+from optipromp_ros import DetectionParameters, GuardFilter, message
 from optipromp_ros.guard import COMMAND
 from optipromp_ros.types import ERROR, OK, WARN
 
 PERIOD = 20_000_000  # [ns]
+CLASSES = DetectionParameters(roles={"ripe": "target", "unripe": "pushable"}, stems=())
 
 
 class Arm:
@@ -112,3 +118,21 @@ def test_three_velocities_are_of_the_tool_and_other_numbers_are_refused() -> Non
     assert np.abs(sent).max() > 0.05
     with pytest.raises(InvalidRequestError, match="2 values: must be 7 velocities of joints, or 3"):
         arm.filter.heard(message(COMMAND, data=[0.0, 0.0]), 0)
+
+
+def test_the_loop_picks_by_messages_where_a_policy_is_held_up() -> None:
+    """The wrist is turned to the end of its range; the numbers of ROS's clock are large."""
+    arm, scene, told = Arm(), load_scene("scenario-3"), list[tuple[str, str]]()
+    known = (replace(o, covariance=SIGMA) for o in scene.objects if o.role != "static")
+    fruits = Look(0.0, Pose(), tuple(known))
+    arm.filter = GuardFilter(scene, CLASSES, takes_over=True)
+    arm.now, arm.wish = EPOCH, np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2.0])
+    for k in range(900):
+        if k % 5 == 0:
+            arm.filter.heard(array_of(fruits, arm.now, frame="link0"), arm.now)
+        list(arm.cycles(1))
+        told.append(tuple(item.value for item in arm.filter.status().values))
+        arm.wish = arm.wish * (told[-1][1] == "open")
+    loop = ("loop", "open"), ("loop", "close")
+    said = [pair for pair, _ in groupby(told)]
+    assert said == [("policy", "open"), ("guard", "open"), *loop, ("policy", "close")]

@@ -171,10 +171,36 @@ def test_where_no_state_comes_the_arm_stops_on_its_curve() -> None:
     assert 0.08 < begin - SET < 0.16  # the last state and 0.1 s
     assert end == pytest.approx(SET + 1.0, abs=0.05)
     assert all((level == 1) == (why == "joint states are old") for _, level, why in done.said)
-    later = [one for now, one in done.speeds if begin + 0.45 < now - done.begun < end]
+    stood = begin + 0.65  # from 1.5 rad/s
+    later = [one for now, one in done.speeds if stood < now - done.begun < end]
     assert max(later) == 0.0
     assert max(done.joins) < 1e-6
     assert done.outcome.success, done.outcome.message
+
+
+class Leaping(Controller):
+    """Its second curve begins beside the first."""
+
+    def __call__(self, time: float, measured: State, reference: State) -> Stretch:
+        super().__call__(time, measured, reference)
+        leap = 0.05 * (len(self.cycles) == 2)
+        curve = Trajectory.still(START.q + leap, (0.0, 1.0), self.robot.joint_names)
+        return Stretch(curve, time + self.parameters.lead)
+
+
+def test_a_curve_that_does_not_meet_the_running_one_is_not_sent() -> None:
+    loop = PickLoop(SCENE, controller=Leaping(without_fruits(SCENE)), prefix="fr3_")
+    for k, level in enumerate((0, 1, 0)):
+        now = EPOCH + 20_000_000 * k
+        loop.heard(joints(START, now))
+        curve = loop.tick(now)
+        status = loop.status()
+        assert int(status.level) == level, status.message
+        if k == 1:
+            assert status.message.startswith("the curve begins with 0.05 from the running one")
+        if curve is not None:
+            (motion,) = read_trajectories(sent(curve), ROBOT.joint_names)
+            assert motion.positions == pytest.approx(np.tile(START.q, (motion.n_waypoints, 1)))
 
 
 def test_detections_become_a_look() -> None:

@@ -11,23 +11,28 @@ from __future__ import annotations
 import math
 import time as wall
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.warming import compile_once
+from optipromp.core.pushing.path import length
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import State
+from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control import driver
 from optipromp_loop.control.common import Common
+from optipromp_loop.control.driver import Course, Route
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
+from optipromp_loop.control.slices import Sliced
 from optipromp_loop.control.stages import (
     AFTER,
     FALLS,
     STANDS,
+    Leave,
     LoopStage,
     Next,
     Observe,
@@ -36,6 +41,7 @@ from optipromp_loop.control.stages import (
     Step,
     Take,
 )
+from optipromp_loop.control.wayout import led_back
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,21 @@ class Controller(Common):
         A look of a camera whose clock is ahead waits until its time has come.
         """
         self.looks.inbox.append(look)
+
+    def goes_on(self, time: float, curve: Trajectory, came: Route | None, why: str) -> None:
+        """Begin with an arm that comes to rest on a ``curve`` from a ``time`` on [s].
+
+        ``came``: the way of a tool that rests among fruits, and leaves them first; None: it is free
+        of fruits. ``why``: it leaves.
+        """
+        phase = 0.0 if came is None else came.duration
+        self.driver.course = Course(curve, time, phase, math.inf)
+        if came is not None:
+            self.driver.route = came
+            q, far = came.trajectory.positions, length(came.points)
+            work = Sliced(partial(led_back, self.robot, came.pushes, q, far))
+            self.doing = Leave(work, why)
+            self.events.append(Decision(time, self.stage, why))
 
     @property
     def stage(self) -> LoopStage:

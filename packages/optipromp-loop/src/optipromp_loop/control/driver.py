@@ -14,6 +14,7 @@ from optipromp.core.execution.streaming import Stretch
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import posed, spaced
 from optipromp.core.planning.timing import needs, stopped
+from optipromp.core.pushing.model import PushModel
 from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
@@ -57,6 +58,7 @@ class Route:
         points, axes: (T, 3) of the tool.
         weight: (T,) share of the plant's displacement.
         scene: of the plan.
+        pushes: the model of the pushes on the way; None: nothing is pushed.
         came: of a way out, the route that it leads back from, and the time in that route.
     """
 
@@ -67,13 +69,15 @@ class Route:
     weight: FloatArray
     scene: Scene
     plan: Plan | None = None
+    pushes: PushModel | None = None
     came: tuple[Route, float] | None = None
 
     @classmethod
     def of(cls, plan: Plan) -> Route:
         """The route of a plan."""
         begin = float(plan.trajectory.times[plan.first])
-        return replace(cls.along(plan.robot, plan.trajectory, plan.scene, begin), plan=plan)
+        made = cls.along(plan.robot, plan.trajectory, plan.scene, begin)
+        return replace(made, plan=plan, pushes=plan.push_model)
 
     @classmethod
     def along(
@@ -85,7 +89,7 @@ class Route:
         points, axes = robot.tool_pose(trajectory.positions)
         share = np.clip(trajectory.times / begin, 0.0, 1.0) if begin > 0.0 else 1.0
         weight = np.broadcast_to(share * share * (3.0 - 2.0 * share), len(points))
-        return cls(robot, trajectory, points, axes, frozen(weight), scene, None, came)
+        return cls(robot, trajectory, points, axes, frozen(weight), scene, came=came)
 
     @property
     def approach(self) -> float:
@@ -349,7 +353,7 @@ def pushed_by(route: Route, phase: float) -> dict[str, FloatArray]:
     and while the tool surely touches nothing.
     """
     inward, until = route.came or (route, phase)
-    model, times = None if inward.plan is None else inward.plan.push_model, inward.trajectory.times
+    model, times = inward.pushes, inward.trajectory.times
     rows = np.flatnonzero((times >= inward.approach) & (times <= until))
     if model is None or len(rows) < 2:
         return {}
@@ -391,7 +395,7 @@ class Driver:
         self.course: Course | None = None
         self.route: Route
         self.held = False
-        self._offset: FloatArray | None = None  # (1, 3) of the plant when the target was taken [m]
+        self._offset: FloatArray | None = None  # (1, 3) of the plant's rest by then [m]
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
 
@@ -469,7 +473,7 @@ class Driver:
         return course
 
     def hold(self, now: float, tracked: Tracked) -> None:
-        """From now on the target moves with the tool, and the plant is taken to stand as it is.
+        """From now on the target moves with the tool, and the plant is taken to rest.
 
         What is seen of fruits that the tool presses is its own motion: a way out that follows them
         follows itself.

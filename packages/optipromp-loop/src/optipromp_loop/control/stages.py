@@ -301,7 +301,7 @@ class Push(Stage):
         """Stop, and leave without the target."""
         stop = loop.driver.brake(now + loop.parameters.lead)
         q = np.vstack([self.passed(stop.phase), stop.curve.positions[-1]])
-        return stop, Next(Leave(self.pick, Sliced(partial(ways_out, self.pick.reach, q)), why), why)
+        return stop, Next(Leave(Sliced(partial(ways_out, self.pick.reach, q)), why), why)
 
     def passed(self, phase: float) -> FloatArray:
         """Configurations (k, n) of the approach until a ``phase`` of the route."""
@@ -436,10 +436,10 @@ class Take(Stage):
             curve, came = legs[RETREAT].trajectory, (route, route.duration)
             out = Route.along(loop.robot, curve, route.scene, came=came)
             if (begun := drive.take(out, 0.0, now, tracked)) is not None:
-                return begun, Next(Leave(self.push.pick, None, holding=True), told)
+                return begun, Next(Leave(None, holding=True), told)
         q = self.push.passed(drive.phase(now))
         work = Sliced(partial(ways_out, self.push.pick.reach, q, True))
-        return None, Next(Leave(self.push.pick, work, holding=True), told)
+        return None, Next(Leave(work, holding=True), told)
 
 
 @dataclass
@@ -447,7 +447,6 @@ class Leave(Stage):
     """The tool leaves the plant, by the least harmful way that is free.
 
     Attributes:
-        pick: that was followed.
         job: the search of ways out; None: the way out runs.
         why: the reason to leave without the target.
         holding: whether the target is in the tool.
@@ -455,7 +454,6 @@ class Leave(Stage):
 
     name = LEAVE
     among = True
-    pick: Picked
     job: Sliced[Any] | None
     why: str = ""
     holding: bool = False

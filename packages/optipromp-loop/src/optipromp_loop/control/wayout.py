@@ -9,9 +9,10 @@ from optipromp.core.planning.parameters import BACK
 from optipromp.core.planning.result import Plan
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.planning.ways import back_along, ways
-from optipromp.core.pushing.model import Continued
+from optipromp.core.pushing.model import Continued, PushModel
 from optipromp.core.pushing.path import length
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
+from optipromp.core.robots.model import Robot
 
 
 def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[tuple[FloatArray, float]]:
@@ -28,6 +29,14 @@ def ways_out(reach: Plan, q: FloatArray, holding: bool = False) -> list[tuple[Fl
         model, distance = full_model(reach, held(reach)[1]), distance_of(reach)
     elif isinstance(model, Continued):
         model = model.lead
+    return led_back(robot, model, q, distance)
+
+
+def led_back(
+    robot: Robot, model: PushModel | None, q: FloatArray, distance: float
+) -> list[tuple[FloatArray, float]]:
+    """:func:`ways_out` by a ``distance`` [m], of a motion ``q`` (k, n) whose pushes a ``model``
+    predicts."""
     if not isinstance(model, Hanging) or len(q) < 3:
         return [(back_along(q, robot.tool_pose(q)[0], distance), 0.0)]
     proposed = [(way, way.followed(robot, q[-1])) for way in ways(robot, q, distance)]

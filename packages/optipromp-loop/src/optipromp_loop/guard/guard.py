@@ -8,7 +8,7 @@ and static objects hold by induction; harm is a prediction.
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeVar
 
@@ -31,10 +31,13 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.core.values import array
 from optipromp_loop.control.driver import first_tracks, tracked_at_most
+from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.control.tracks import TrackerParameters
 from optipromp_loop.guard.motion import (
+    ROUNDING,
     Change,
+    Limits,
     fastest,
     joints_for,
     later,
@@ -42,22 +45,26 @@ from optipromp_loop.guard.motion import (
     sampled,
     stopping,
 )
-from optipromp_loop.guard.plant import Course, Plant, seen_scene, stays
+from optipromp_loop.guard.plant import Course, Plant, Room, least, seen_scene, stays
+from optipromp_loop.guard.takeover import Takeover
 
 T = TypeVar("T")
 Kind = Literal["limits", "contact", "speed", "harm"]
-ROUNDING = 1e-9  # [rad or m; 1] of positions, and of shares of the other limits
+Mover = Literal["policy", "guard", "loop"]
 NEARLY = {"clearance_static": "what stands", "clearance_self": "another link"}
 NEARLY |= {"clearance_avoid": "what is to be avoided"}  # of the arm, as the judge has it
-DEEPER = 1e-5  # [m] by which a contact that was there may deepen: of the judge's checks
 FASTER = 1.05  # times the speed among fruits; the judge allows 1.1 of it: a choice
 SHARE = 0.9  # of a limit, in a wish that is to pass: a choice
 LOOKS = 7  # poses of the tool in a prediction, 5 mm apart at the speed of a push: a choice
 ASIDE = 0.002  # [m] of a fruit that the tool has pushed aside: a choice, as of what moved
 OUT = 2.0  # times the harm that may be, on the way in and out again: an emergency, a choice
 OUT_STATES = 4  # of the plant on the way out: a choice
+# of the harm that may be, so that in no sample a fruit is swallowed: of a wish after one that was
+SURE = 0.5  # refused, and where the loop takes over, which does better; a choice
 HOPELESS = 10.0  # times the harm that may be: all larger harm is alike
 EVERY = PUSH.hanging.every  # points of a motion in a step of the model
+BEFORE = 40  # poses of the way here before the fruits, on which the loop leaves them: a choice
+REST = 1e-3  # [rad/s or m/s] of an arm that stands: a choice
 TRAIL = 400  # poses of the way here, each at least STEP apart, that are remembered: a choice
 
 
@@ -82,21 +89,8 @@ class GuardParameters(Checked):
     off: float = parameter(0.1, "rad or m", "choice", "of a joint: beyond, the curve begins anew")
     changed: float = parameter(0.002, "m", "choice", "motion of a fruit that changes the scene")
     known: float = parameter(0.003, "m", "choice", "deviation of a fruit that states none")
-
-
-class Limits(NamedTuple):
-    """Of the joints, and what a state exceeds of these: it may stay, not go farther."""
-
-    lower: FloatArray  # (n,) [rad or m]
-    upper: FloatArray  # (n,)
-    rates: FloatArray  # (3, n) of velocity, acceleration and jerk
-
-
-class Room(NamedTuple):
-    """How near the arm may come to what it must not touch."""
-
-    touched: Mapping[str, float]  # depth of contacts that there are, by object [m]
-    clear: Mapping[str, float]  # least clearances, by their names [m]
+    stood: float = parameter(1.0, "s", "choice", "of a policy held up, then the loop takes over")
+    takeovers: int = parameter(3, "1", "choice", "by a loop that gave up each time")
 
 
 class Refusal(NamedTuple):
@@ -120,6 +114,10 @@ class Safe:
         braked: whether no action near the wish passed.
         reason: why the wish did not pass; empty: it did.
         probability: of harm, where the prediction of this action met fruits; else 0.
+        mover: who moves the arm: the ``policy`` as it wished; the ``guard`` otherwise than it
+            wished; the ``loop`` by its own pick, whose curve does not brake after the period, but
+            ends at rest.
+        holding: whether the loop leaves with the target, or has left: a gripper may close.
     """
 
     velocity: FloatArray
@@ -129,17 +127,8 @@ class Safe:
     braked: bool
     reason: str
     probability: float
-
-
-def least(value: float, before: float | None) -> float:
-    """The distance that an arm must keep which is at ``value`` [m], and had to keep ``before``.
-
-    Less than the value, so that it may stay. What the arm had to keep does not shrink because the
-    arm came near: only where objects did.
-    """
-    if before is None or abs(value - before) > DEEPER:
-        return value - DEEPER
-    return min(before, value - ROUNDING)
+    mover: Mover
+    holding: bool = False
 
 
 def velocities(name: str, values: ArrayLike, size: int) -> FloatArray:
@@ -169,6 +158,10 @@ class Guard:
         robot: with its tool; None: the scene's.
         tracker: of fruits; None: one is made when the first look comes.
         parameters: see :class:`GuardParameters`.
+        takes_over: whether the closed loop takes the arm, and picks the scene's target, where the
+            guard has held the policy up for ``parameters.stood``, or would brake before harm to
+            fruits. It needs looks, and the time of each call. Once the tool is out again the policy
+            has the arm.
     """
 
     def __init__(
@@ -178,13 +171,15 @@ class Guard:
         *,
         tracker: Tracker | None = None,
         parameters: GuardParameters | None = None,
+        takes_over: bool = False,
     ) -> None:
         if moving := [item.id for item, _ in scene.movers if item.role != "pushable"]:
             told = "what moves is not guarded against; leave the motion out"
             raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         self.parameters = GuardParameters() if parameters is None else parameters
         self._base = tracked_at_most(scene, TrackerParameters.most)
-        self._tracker, self._newest = tracker, -math.inf
+        self._tracker = tracker
+        self._takeover = Takeover(self.parameters.period) if takes_over else None
         self._curve: Trajectory | None = None
         self._trail = np.zeros((0, 6))  # tool points and axes on the way here, oldest first
         self._stays: float | None = None  # share of harm of a stop here; None: not known
@@ -195,8 +190,7 @@ class Guard:
         of_tool = spheres.distal & (spheres.link >= task.robot.n_own_links)
         self._body = replace(task.robot, spheres=spheres._replace(distal=of_tool))
         """The robot whose tool alone may touch fruits and stems, for :meth:`_by_wrist`."""
-        links = np.unique(spheres.link[spheres.distal & ~of_tool])
-        self._wrist = frozenset(task.robot.link_names[link] for link in links)
+        self._refused = False  # whether harm was predicted since the tool was clear of fruits
         self._room, self._courses = Room({}, {}), tuple[Course, ...]()
         self._place(Plant.of(task, self.parameters.risk))
 
@@ -213,7 +207,19 @@ class Guard:
     @property
     def time(self) -> float:
         """Of the newest look [s]; minus infinity before the first."""
-        return self._newest
+        return -math.inf if self._tracker is None else self._tracker.time
+
+    @property
+    def _wrist(self) -> frozenset[str]:
+        """The links behind the tool that may touch fruits which the tool has pushed aside."""
+        spheres = self.robot.spheres
+        links = np.unique(spheres.link[spheres.distal & ~self._body.spheres.distal])
+        return frozenset(self.robot.link_names[link] for link in links)
+
+    @property
+    def leads(self) -> bool:
+        """Whether the loop has the arm, and not the policy."""
+        return self._takeover is not None and self._takeover.controller is not None
 
     def __call__(
         self,
@@ -229,22 +235,39 @@ class Guard:
                 that is not finite counts as 0.
             state: of the joints, as measured or commanded.
             looks: that came since the last call, by the clock of ``time``.
-            time: now [s]; None: that of the newest look.
+            time: now [s]; None: that of the newest look. A guard that takes over needs it.
 
         Raises:
             InvalidRequestError: an action or a state of another size or type, looks that are none,
-                or a time that is not finite.
+                or a time that is not finite, or that a guard needs which takes over.
         """
         wish = velocities("action", action, self.robot.n_joints)
         now = None if time is None else float(array("time", time))
         typed("looks", looks, Iterable)
-        come = [typed("a look", look, Look) for look in looks]
-        begin = self._anchored(self._own(state))
+        come, loop = [typed("a look", look, Look) for look in looks], self._takeover
+        own = self._own(state)
+        if loop is not None and now is None:
+            raise InvalidRequestError("time is None: a guard that takes over needs it")
+        if loop is not None and now is not None and not loop.ended(now):
+            self._see(come, now)
+            return self._led(*loop.cycle(now, own, come))
+        begin = self._anchored(own)
         self._see(come, now)
+        safe, told = self._decided(wish, begin)
+        if loop is not None and now is not None:
+            stood = loop.stood(now, safe.acted and bool(np.abs(safe.velocity).max() < REST))
+            harms = safe.braked and told is not None and told.kind == "harm"
+            if harms or stood >= self.parameters.stood:
+                self._hand_over(loop, now, safe.reason)
+        return safe
+
+    def _decided(self, wish: FloatArray, begin: State) -> tuple[Safe, Refusal | None]:
+        """The action nearest to a wish, and why the last that was tried does not pass."""
         whole = bool(np.isfinite(wish).all())
         first: Refusal | None = None if whole else Refusal("limits", "the action is not finite")
         wish, asked = wish if whole else np.zeros_like(wish), wish
         waiting, tries = [np.clip(wish, *self._box(begin.q))], self.parameters.tries
+        told: Refusal | None = None
         while waiting and tries > 0:
             wanted, tries = waiting.pop(0), tries - 1
             step = Change.of(self.robot, begin, wanted, self.parameters.period)
@@ -257,7 +280,7 @@ class Guard:
                 if first is None and (np.abs(wanted - asked) > 1e-9).any():
                     joint = self.robot.joint_names[int(np.argmax(np.abs(wanted - asked)))]
                     first = Refusal("limits", f"{joint} would pass its limit of velocity or range")
-                return self._given(curve, first, probability)
+                return self._given(curve, first, probability), None
             if first is None:
                 first = told
             if told.kind == "harm":  # what nobody wished may harm where the wish did not
@@ -266,7 +289,22 @@ class Guard:
         if self._curve is None:  # nothing passed before: brake from here
             still = Change.of(self.robot, begin, np.zeros_like(wish), self.parameters.period)
             self._curve = stopping(self.robot, still, self.parameters.period)
-        return self._given(self._curve, first, 0.0, braked=True)
+        return self._given(self._curve, first, 0.0, braked=True), told
+
+    def _hand_over(self, loop: Takeover, now: float, why: str) -> None:
+        """Let the loop have the arm from the end of the period on, if it sees a target."""
+        blind, curve = now - self.time > CONTROL.look_age or self.scene.target is None, self._curve
+        if blind or curve is None or loop.gone >= self.parameters.takeovers:
+            return
+        end = np.concatenate(self.robot.tool_pose(curve.positions[-1]))
+        among = self._pushing or not self._clear(end[None])
+        way = self._trail[-self._pushing - BEFORE :] if among else self._trail[:0]
+        begins, pushes = now + self.parameters.period, next(iter(self._plant.hanging), None)
+        loop.begin(self.scene, self.robot, begins, curve, way, pushes, why)
+
+    def _led(self, curve: Trajectory, words: str, probability: float) -> Safe:
+        """The action of the loop."""
+        return replace(self._given(curve, Refusal("harm", words), probability), mover="loop")
 
     def blind(self, reason: str) -> Safe | None:
         """The action of a period in which nothing can be decided, as without a state of the arm.
@@ -274,6 +312,8 @@ class Guard:
         The arm goes on along the braking curve that passed last; at its end it stands. None:
         nothing was given before, so the arm is not known to move. ``reason``: of :class:`Safe`.
         """
+        if self._takeover is not None and self.leads:
+            return self._led(*self._takeover.hold(reason))
         if self._curve is None:
             return None
         return self._given(self._curve, Refusal("limits", reason), 0.0, braked=True)
@@ -320,7 +360,11 @@ class Guard:
         if np.linalg.norm(pose[:3] - self._trail[-1, :3]) > STEP:
             self._walk(pose)
         words = "" if refusal is None else refusal.words
-        return Safe(reference.velocity, reference, curve, bool(words), braked, words, probability)
+        holding = self._takeover is not None and self._takeover.holding
+        return Safe(
+            reference.velocity, reference, curve, bool(words), braked, words, probability,
+            "guard" if words else "policy", holding,
+        )  # fmt: skip
 
     def _walk(self, pose: FloatArray) -> None:
         """Remember where the tool is, and whether it may touch fruits there."""
@@ -373,8 +417,7 @@ class Guard:
             self._tracker = Tracker(self._base, first=first_tracks(self._base, p.known))
         for look in come:
             self._tracker.add(look, self._pushed())
-        self._newest = max(self._newest, *(look.time for look in come))
-        seen = self._tracker.at(self._newest if time is None else time)
+        seen = self._tracker.at(self.time if time is None else time)
         scene = seen_scene(self._base, self.scene, seen, p.changed)
         during = self._plant.during_push(scene) if self._pushing else None
         scene = scene if during is None else during.task.scene
@@ -453,11 +496,14 @@ class Guard:
         times = np.linspace(0.0, self.parameters.ahead, LOOKS)
         ahead = np.hstack(self.robot.tool_pose(step.at(times)[0]))
         if not self._pushing and self._clear(np.vstack([self._trail[-1:], ahead])):
+            self._refused = False
             return None, 0.0
-        share, probability = self._share(ahead, 1.0)
-        if share <= 1.0:
-            if self._share(ahead, OUT, out=True)[0] <= OUT:
+        most = SURE if self._refused or self._takeover is not None else 1.0
+        share, probability = self._share(ahead, most)
+        if share <= most:
+            if self._share(ahead, OUT * most, out=True)[0] <= OUT * most:
                 return None, probability
+            self._refused = True
             return Refusal("harm", "harm is predicted on the way out from there"), probability
         if self._pushing and not step.begin.moving:  # it may go on if it adds nothing to a harm
             if self._stays is None:
@@ -465,6 +511,7 @@ class Guard:
             stays = self._stays
             if stays > 1.0 and self._share(ahead, stays)[0] <= stays:
                 return None, probability
+        self._refused = True
         return Refusal("harm", "harm is predicted"), probability
 
     def _share(self, ahead: FloatArray, limit: float, out: bool = False) -> tuple[float, float]:

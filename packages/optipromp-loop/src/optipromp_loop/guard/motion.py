@@ -6,6 +6,7 @@ after a period is a change again, and a braking arm stays on its curve.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import nnls
@@ -22,6 +23,14 @@ LARGE = 1e9  # in place of a limit that there is not [rad or m, and per s² or s
 GAIN = 3.0  # [1/s] of the turn of the tool's axis: a choice
 LEVER = 0.2  # [m] by which a turn counts as a length: a choice
 DAMPING = 0.01  # [m] of the least squares: a choice
+
+
+class Limits(NamedTuple):
+    """Of the joints, and what a state exceeds of these: it may stay, not go farther."""
+
+    lower: FloatArray  # (n,) [rad or m]
+    upper: FloatArray  # (n,)
+    rates: FloatArray  # (3, n) of velocity, acceleration and jerk
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,6 +1,7 @@
 """The plant of a guard: what may be pushed, with its models, and what must not be touched."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -18,8 +19,30 @@ from optipromp.core.scenes.objects import SceneObject, rooted
 from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control.driver import target_row, tracked_scene
 from optipromp_loop.control.tracker import Tracked
+from optipromp_loop.guard.motion import ROUNDING
 
 ROOT = 0.005  # [m] about the root of a stem: 2 N bend 5 mm of 150 MPa by 0.3 mm; a choice
+
+
+DEEPER = 1e-5  # [m] by which a contact that was there may deepen: of the judge's checks
+
+
+class Room(NamedTuple):
+    """How near the arm may come to what it must not touch."""
+
+    touched: Mapping[str, float]  # depth of contacts that there are, by object [m]
+    clear: Mapping[str, float]  # least clearances, by their names [m]
+
+
+def least(value: float, before: float | None) -> float:
+    """The distance that an arm must keep which is at ``value`` [m], and had to keep ``before``.
+
+    Less than the value, so that it may stay. What the arm had to keep does not shrink because the
+    arm came near: only where objects did.
+    """
+    if before is None or abs(value - before) > DEEPER:
+        return value - DEEPER
+    return min(before, value - ROUNDING)
 
 
 class Course(NamedTuple):

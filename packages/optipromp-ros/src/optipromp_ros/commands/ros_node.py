@@ -44,6 +44,7 @@ def ros_node(
     eyes: str | None = None,
     role: list[str] | None = None,
     guard: str | None = None,
+    takes_over: bool = False,
 ) -> None:
     """Plan on request: a node of ROS 2 with MoveIt's service GetMotionPlan.
 
@@ -83,6 +84,7 @@ def ros_node(
         eyes (CROP|FILE): Of --pictures: see 'see --eyes'; by default of the scene's crop.
         role (CLASS=ROLE): Role of a detected class; :stem: z is its stem.
         guard (TOPIC): Of the Float64MultiArray commands that are filtered.
+        takes_over: With --guard: the loop picks where the guard holds the commands up.
     """
     try:
         import rclpy  # noqa: F401
@@ -96,7 +98,7 @@ def ros_node(
     say_if_compiling()
     place, meaning = optipromp.load_scene(scene), None if role is None else _meaning(role)
     if guard is not None:
-        filtered = optipromp_ros.GuardFilter(place, meaning, prefix)
+        filtered = optipromp_ros.GuardFilter(place, meaning, prefix, takes_over)
         _filter(filtered, guard, execute or "~/commands", detections)
     elif loop:
         seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
