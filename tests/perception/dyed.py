@@ -9,7 +9,7 @@ import numpy as np
 
 from optipromp.core.scenes.crops import Crop, load_crop
 from optipromp_bench.experiments.eyes import paired
-from optipromp_eyes import EyeParameters, look_at
+from optipromp_eyes import ByGeometry, EyeParameters, look_at
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.photograph import Photograph, PhotoParameters, photograph
 
@@ -78,10 +78,11 @@ def marks_on(shots: Mapping[str, Photograph], most: Mapping[str, int], click: bo
 
 
 def recall(shots: Mapping[str, Photograph], p: EyeParameters) -> tuple[int, int, int, int, int]:
-    """Of the visible fruits: how many, found, found of the right kind; false ones, stems found."""
+    """Of the visible fruits, by geometry: how many, found, found of the right kind; false ones,
+    stems found."""
     fruits, wrong, stems = [], 0, 0
     for shot in shots.values():
-        sight = look_at(shot.picture, up=shot.scene.up, parameters=p)
+        sight = look_at(shot.picture, up=shot.scene.up, finder=ByGeometry(p), parameters=p)
         pairs, others = paired(shot, sight)
         fruits += [pair for pair in pairs if pair.visible]
         wrong += len(others)

@@ -137,7 +137,7 @@ def _flat(values: Any, columns: int) -> FloatArray:
 
 def opencv() -> Any:
     """OpenCV's module."""
-    return needed("cv2", "boards need OpenCV:", "optipromp-eyes[calibrate]")
+    return needed("cv2", "the eyes need OpenCV:", "optipromp-eyes")
 
 
 def needed(module: str, words: str, what: str) -> Any:

@@ -1,7 +1,11 @@
 """A detector of your own as a finder: masks or boxes in, regions out."""
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,9 +13,12 @@ from scipy.ndimage import label
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp_eyes.finder import Class, Found, Region
+from optipromp_eyes.boards import needed
+from optipromp_eyes.finder import RIGHT, Class, Found, Region
+from optipromp_eyes.geometry import ByGeometry
+from optipromp_eyes.network import ByNetwork
 from optipromp_eyes.parameters import EyeParameters
-from optipromp_eyes.pictures import DepthPicture, Image8
+from optipromp_eyes.pictures import ENDS, MOST_PIXELS, DepthPicture, Image8
 
 KNOWN: Mapping[str, Class] = {"ripe": "ripe", "unripe": "unripe", "stem": "stem"}
 BAND = 0.03  # [m] least depth about the middle of a box that is its fruit: as of strawberries
@@ -28,12 +35,15 @@ class Detected:
         score: 0 to 1.
         box: left, top, right, bottom [pixel]; of no use where there is a mask.
         mask: (height, width) whether a pixel shows it; None: what the box holds at one depth.
+        ripe: probability that it is ripe; None: of a class that is ripe its score, at most
+            :data:`optipromp_eyes.finder.RIGHT`, else the rest of that.
     """
 
     kind: str
     score: float
     box: tuple[float, float, float, float] | None = None
     mask: BoolArray | None = None
+    ripe: float | None = None
 
 
 @dataclass(frozen=True)
@@ -57,6 +67,16 @@ class ByDetector:
     classes: Mapping[str, Class] = field(default_factory=lambda: KNOWN)
     least: float = 0.3
 
+    @classmethod
+    def of(cls, things: Iterable[Detected], step: int = 1) -> "ByDetector":
+        """Of one picture, of which every ``step``-th row and column is looked at."""
+        first, seen = (step - 1) // 2, list[Detected]()
+        for each in things:
+            left, top, right, bottom = np.array(each.box or [0.0] * 4) / step
+            mask = None if each.mask is None else each.mask[first::step, first::step]
+            seen.append(replace(each, box=each.box and (left, top, right, bottom), mask=mask))
+        return cls(lambda rgb: seen)
+
     def find(self, picture: DepthPicture) -> Found:
         """See :class:`optipromp_eyes.finder.Finder`.
 
@@ -75,7 +95,8 @@ class ByDetector:
             if kind == "stem":
                 stems |= pixels
             elif pixels.any():
-                fruits.append(Region(kind, pixels, float(each.score)))
+                ripe = min(each.score, RIGHT) if kind == "ripe" and each.ripe is None else each.ripe
+                fruits.append(Region(kind, pixels, float(each.score), ripe=ripe))
         if stems.any():
             fruits.append(Region("stem", stems, 1.0))
         return Found(tuple(fruits))
@@ -92,6 +113,58 @@ def _pixels(each: Detected, picture: DepthPicture) -> BoolArray:
     if each.box is None:
         raise InvalidRequestError(f"a detected {each.kind} has neither mask nor box")
     return cut(picture, each.box)
+
+
+def picture_name(name: str) -> str:
+    """The name of a picture by that of its file."""
+    return Path(name).name.removesuffix(ENDS[0]).removesuffix(".png")
+
+
+def of_coco(document: Any, source: str) -> dict[str, list[Detected]]:
+    """What a detector found, by the names of pictures: of COCO, whose ``annotations`` have
+    a ``bbox``, and where known ``segmentation`` (polygons or run lengths), ``score`` and ``ripe``.
+
+    Raises:
+        InvalidRequestError: a document that is no COCO, a mask of another size than its picture.
+    """
+    try:
+        images = {one["id"]: one for one in document["images"]}
+        kinds = {one["id"]: str(one["name"]) for one in document["categories"]}
+        out: dict[str, list[Detected]] = {}
+        for each in document["annotations"]:
+            image = images[each["image_id"]]
+            left, top, wide, high = (float(number) for number in each["bbox"])
+            one = Detected(
+                kinds[each["category_id"]], float(each.get("score", 1.0)),
+                (left, top, left + wide, top + high), _mask(each.get("segmentation"), image),
+                None if each.get("ripe") is None else float(each["ripe"]),
+            )  # fmt: skip
+            out.setdefault(picture_name(image["file_name"]), []).append(one)
+        return out
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InvalidRequestError(
+            f"{source}: must be COCO (images, categories, annotations with bbox; segmentation as "
+            f"polygons or uncompressed run lengths) ({error!r:.200})"
+        ) from None
+
+
+def _mask(told: Any, image: Mapping[str, Any]) -> BoolArray | None:
+    """A mask (height, width) of polygons, or of runs of 0 and 1 in turn, column by column."""
+    if not told:
+        return None
+    high, wide = int(image["height"]), int(image["width"])
+    if not 0 < high * wide <= MOST_PIXELS:
+        raise ValueError(f"an image of {wide} x {high} pixels")
+    if isinstance(told, dict):
+        runs = np.array(told["counts"], dtype=np.int64)
+        if list(told["size"]) != [high, wide] or (runs < 0).any() or runs.sum() != high * wide:
+            raise ValueError(f"run lengths that are not of {wide} x {high} pixels")
+        return np.repeat(np.arange(len(runs)) % 2 == 1, runs).reshape(wide, high).T
+    sheet = needed("PIL.Image", "masks need Pillow:", "optipromp-eyes").new("1", (wide, high))
+    pen = import_module("PIL.ImageDraw").Draw(sheet)
+    for ring in told:
+        pen.polygon([float(number) for number in ring], fill=1)
+    return np.asarray(sheet)
 
 
 def cut(
@@ -125,33 +198,48 @@ def cut(
     return out
 
 
-def finder_named(name: str, model: Any = None, parameters: EyeParameters | None = None) -> Any:
+@cache
+def _network(radius: float) -> ByNetwork:
+    return ByNetwork(radius=radius)
+
+
+def usual_finder(parameters: EyeParameters) -> ByNetwork | ByGeometry:
+    """The network, which knows red fruits on green plants; where onnxruntime is not installed, or a
+    crop or taught eyes have colours of their own, geometry."""
+    own = parameters.colours != EyeParameters().colours
+    if own or not find_spec("onnxruntime"):
+        return ByGeometry(parameters)
+    return _network(parameters.radius)
+
+
+def finder_named(
+    name: str | None = None, model: Any = None, parameters: EyeParameters | None = None
+) -> Any:
     """A finder by name: ``geometry``, ``network`` (with a ``model`` file; at the scale of the
-    ``parameters``), or ``MODULE:NAME``.
+    ``parameters``), or ``MODULE:NAME``; None: the network of a ``model``, else
+    :func:`usual_finder`.
 
     What the module has under that name is a finder, or is called without arguments to make one.
 
     Raises:
         InvalidRequestError: an unknown name, or something that is no finder.
     """
-    import importlib
-
-    from optipromp_eyes.geometry import ByGeometry
-    from optipromp_eyes.network import ByNetwork
-
-    if model is not None and name != "network":
+    p = parameters or EyeParameters()
+    if model is not None and name not in ("network", None):
         raise InvalidRequestError(f"a model goes with the finder 'network', not with {name!r}")
+    if name is None and model is None:
+        return usual_finder(p)
     if name == "geometry":
-        return ByGeometry(parameters or EyeParameters())
-    if name == "network":
-        return ByNetwork(model, radius=(parameters or EyeParameters()).radius)
+        return ByGeometry(p)
+    if name in ("network", None):
+        return ByNetwork(model, radius=p.radius)
     module, colon, attribute = name.partition(":")
     if not colon:
         raise InvalidRequestError(
             f"finder is {name!r}: valid are geometry, network, and MODULE:NAME of your own"
         )
     try:
-        found = getattr(importlib.import_module(module), attribute)
+        found = getattr(import_module(module), attribute)
     except (ImportError, AttributeError) as error:
         raise InvalidRequestError(f"finder {name!r} cannot be loaded: {error}") from None
     made = found() if callable(found) and not hasattr(found, "detect") else found

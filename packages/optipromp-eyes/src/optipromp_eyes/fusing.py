@@ -32,12 +32,14 @@ class Detection:
         region: its pixels and class.
         spheroid: as fitted.
         stem: as seen; None where none was.
+        redness: share of what shows of a colour that has the colour of ripe fruits.
     """
 
     item: SceneObject
     region: Region
     spheroid: Spheroid
     stem: SeenStem | None
+    redness: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)

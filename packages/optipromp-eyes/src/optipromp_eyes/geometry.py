@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp_eyes.boards import opencv
 from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
 from optipromp_eyes.parameters import Colour, EyeParameters
 from optipromp_eyes.pictures import DepthPicture, Image8
@@ -56,7 +57,7 @@ class ByGeometry:
         left_out = 0
         found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
         for kind, mask in kinds:
-            parts, left = self._parted(mask, depth, picture.camera.focal)
+            parts, left = self._parted(mask, colours == 0, depth, picture.camera.focal)
             found += [(kind, part, pixels) for part, pixels in parts]
             left_out += left
         regions = []
@@ -73,12 +74,15 @@ class ByGeometry:
         return Found((*regions, Region("stem", stems, 1.0)), left_out)
 
     def _parted(
-        self, mask: BoolArray, depth: FloatArray, focal: float
+        self, mask: BoolArray, plain: BoolArray, depth: FloatArray, focal: float
     ) -> tuple[list[tuple[tuple[slice, ...], BoolArray]], int]:
         """The largest fruits among the pixels of one colour: boxes, and the pixels in them; and
-        how many others there are."""
+        how many others there are. Of ``plain`` pixels, of no colour, those that a fruit encloses
+        and that are not behind it are its gloss."""
         p = self.parameters
-        steps = depth + most_about(-depth, 3) > p.step  # the nearer side keeps its edge
+        known = np.where(depth > 0.0, -depth, -np.inf)
+        least = np.maximum(p.step, 3.0 * p.depth_noise * depth**2)  # [m] that is no error: a choice
+        steps = depth + most_about(known, 3) > least  # the nearer side keeps its edge
         whole = ndimage.binary_closing(mask, SQUARE) & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
         islands, _ = ndimage.label(whole)
@@ -91,7 +95,11 @@ class ByGeometry:
         left_out, count = len(wide) - len(rows), 0
         for row in rows:
             box = boxes[row]
-            fruits, left = _part(islands[box] == row + 1, depth[box] / focal, p)
+            island, far = islands[box] == row + 1, depth[box]
+            front = far[island]
+            gloss = ndimage.binary_fill_holes(island) & plain[box] & (far < front.max() + p.step)
+            far = np.where(gloss & (far == 0.0), np.median(front), far)
+            fruits, left = _part(island | gloss, far / focal, p)
             parts[box] += np.where(fruits > 0, fruits + count, 0)
             count, left_out = count + int(fruits.max()), left_out + left
         grown = most_about(parts, 2 * RAGGED + 1)
@@ -183,29 +191,20 @@ def coloured(rgb: FloatArray, p: EyeParameters) -> NDArray[np.int8]:
 
 def hsv(rgb: NDArray[Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Hue [deg], saturation and value (0 to 1) of pixels (N, 3) of 0 to 255."""
-    red, green, blue = rgb.T / np.float32(255.0)
-    most = np.maximum(np.maximum(red, green), blue)
-    span = np.maximum(most - np.minimum(np.minimum(red, green), blue), 1e-6)
-    hue = np.where(
-        most == red, (green - blue) / span,
-        np.where(most == green, 2.0 + (blue - red) / span, 4.0 + (red - green) / span),
-    )  # fmt: skip
-    return 60.0 * hue % 360.0, span / np.maximum(most, 1e-6), most
+    if not len(rgb):
+        return rgb[:, 0], rgb[:, 1], rgb[:, 2]
+    flat = (rgb / np.float32(255.0)).astype(np.float32)[:, None]
+    hue, dye, bright = opencv().cvtColor(flat, opencv().COLOR_RGB2HSV).reshape(-1, 3).T
+    return hue, dye, bright
 
 
 def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
     """Depths, each hole at ``where`` (0) with that of the nearest pixel that has one."""
-    out = np.pad(depth, 1).ravel()
-    rows = np.flatnonzero(np.pad(where & (depth == 0.0), 1))
-    wide = depth.shape[1] + 2
-    ways = np.array([-wide - 1, -wide, -wide + 1, -1, 1, wide - 1, wide, wide + 1])
+    out = depth.astype(np.float32)
     for _ in range(HOLE):
-        around = out[rows[:, None] + ways]
-        least = np.where(around > 0.0, around, np.inf).min(axis=1, initial=np.inf)
-        there = np.isfinite(least)
-        out[rows[there]] = least[there]
-        rows = rows[~there]
-    return np.asarray(out.reshape(-1, wide)[1:-1, 1:-1])
+        near = opencv().erode(np.where(out > 0.0, out, np.inf), np.ones((3, 3), np.uint8))
+        out = np.where(where & (out == 0.0) & np.isfinite(near), near, out)
+    return np.asarray(out, dtype=np.float64)
 
 
 def apart(hue: FloatArray, middle: float) -> FloatArray:

@@ -79,6 +79,9 @@ class EyeParameters(Checked):
     least_ripe: float = parameter(
         0.8, "1", "choice", "probability from which on a fruit is a target"
     )
+    least_red: float = parameter(
+        0.0, "1", "choice", "redness of a target; growers pick strawberries from 0.75 on"
+    )
     radius: float = parameter(0.0165, "m", "reported", "prior median of a fruit's radius")
     radius_spread: float = parameter(0.25, "1", "guess", "prior deviation of its logarithm")
     longer: float = parameter(0.10, "1", "guess", "prior of the logarithm of length over width")
@@ -107,7 +110,7 @@ class EyeParameters(Checked):
         super().__post_init__()
         for item in fields(self):
             value, unit = getattr(self, item.name), item.metadata["unit"]
-            shares = "dye" in item.name or "bright" in item.name
+            shares = any(word in item.name for word in ("dye", "bright", "_red"))
             most = 1.0 if shares else LARGEST[unit]  # a share is at most 1
             if not (value <= most or value == math.inf) or (value == 0 and item.name in POSITIVE):
                 least = "above 0 and at most" if item.name in POSITIVE else "at most"

@@ -342,6 +342,7 @@ class Spheroid:
     half: float  # half the length along the axis [m]
     covariance: FloatArray  # (3, 3) of the centre [m²]
     round: float  # deviation of the depths from a plane over that from the spheroid; a wall has 1
+    bulge: float  # its square less that of a spheroid in the mean, in standard deviations
     share: float  # part of its outline's area where its surface is seen
     through: float  # part of its outline's area where something farther is seen
     spill: float  # part of a ring about its outline where its colour goes on at its depth
@@ -427,11 +428,20 @@ def _spheroid(
     weights = look.data.weights[k][used]
     first = residuals[: len(used)][used]
     second = residuals[len(used) :][look.data.pulls[k] > 0.0]
-    left = float(np.sqrt(np.mean(first**2)))
+    left = max(float(np.sqrt(np.mean(first**2))), 1e-9)
+    points = look.data.points[k][used]
+    ball = SpheroidRows(center[None], axis[None], np.array([radius]), radius * np.exp(x[None, 4]))
+    rays = points / points[:, 2:]
+    curved = math.sqrt(len(points)) * planar(
+        rays * surface(rays[None], ball)[1][0, :, None], weights
+    )
+    off = planar(points, weights)
+    # errors of unit variance that the depths have add 2 curved to the deviation of the squares
+    bulge = (len(points) * (off**2 - left**2) - curved**2) / max(2.0 * curved, 1e-9)
     pull = float(look.data.pulls[k].max(initial=1.0))
     return Spheroid(
         center, axis, radius, radius * math.exp(x[4]), whole[:3, :3],
-        planar(look.data.points[k][used], weights) / max(left, 1e-9),
+        off / left, bulge,
         float(look.share[k]), float(look.through[k]), float(look.spill[k]),
         float(np.abs(second).mean() / pull / radius) if len(second) else 0.0,
     )  # fmt: skip

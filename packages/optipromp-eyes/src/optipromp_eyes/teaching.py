@@ -13,11 +13,11 @@ from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, short, suggest
 from optipromp.core.scenes.crops import Crop, crop_from_dict, crop_to_dict
-from optipromp_eyes.detector import BAND, KNOWN, cut
+from optipromp_eyes.detector import BAND, KNOWN, cut, of_coco, picture_name
 from optipromp_eyes.finder import Class, box_of
 from optipromp_eyes.geometry import HOLE, coloured, hsv, off, smooth
 from optipromp_eyes.parameters import Colour, EyeParameters
-from optipromp_eyes.pictures import ENDS, DepthPicture
+from optipromp_eyes.pictures import DepthPicture
 
 FEWEST = 3  # ripe fruits that must be marked: a choice
 LEAST_PIXELS = 8  # of a mark, with a depth: a choice
@@ -59,11 +59,6 @@ class _Sample(NamedTuple):
     longer: float  # length over width; nan of a stem, and of a click
 
 
-def picture_name(name: str) -> str:
-    """The name of a picture by that of its file."""
-    return Path(name).name.removesuffix(ENDS[0]).removesuffix(".png")
-
-
 def read_marks(path: Path) -> list[Mark]:
     """The marks of a JSON or YAML file: COCO, or a list of ``picture``, ``kind`` (ripe, unripe or
     stem), and ``box`` (left, top, right, bottom) or ``at`` (column, row).
@@ -74,15 +69,13 @@ def read_marks(path: Path) -> list[Mark]:
     holds = "a list of marks (picture, kind, box or at), or COCO (images, annotations, categories)"
     document = read_document(path, InvalidRequestError, holds)
     try:
-        if isinstance(document, dict):  # COCO, of which other categories are left out
-            names = {each["id"]: picture_name(each["file_name"]) for each in document["images"]}
-            kinds = {each["id"]: each["name"] for each in document["categories"]}
+        if isinstance(document, dict) and "annotations" in document:  # COCO; others are left out
             marks = [
-                {"picture": names[each["image_id"]], "kind": kinds[each["category_id"]],
-                 "box": [*each["bbox"][:2], *np.add(each["bbox"][:2], each["bbox"][2:])]}
-                for each in document["annotations"]
-                if kinds[each["category_id"]] in KNOWN
-            ]  # fmt: skip
+                {"picture": name, "kind": each.kind, "box": each.box}
+                for name, things in of_coco(document, str(path)).items()
+                for each in things
+                if each.kind in KNOWN
+            ]
         else:
             marks = document
         return [_mark(each, f"{path}: mark {row}") for row, each in enumerate(marks, start=1)]

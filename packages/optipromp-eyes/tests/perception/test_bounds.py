@@ -37,10 +37,10 @@ from optipromp_eyes.pictures import ENDS, MOST_SEEN, taken
 
 
 def wall(height: int, width: int, far: float) -> DepthPicture:
-    """A green wall whose depth has the noise of a small stereo camera."""
+    """A green wall whose depth has twice the noise of a small stereo camera."""
     rng, size = np.random.default_rng(0), (height, width)
-    smooth = 0.0081 * gaussian_filter(rng.standard_normal(size), 2.0) / 0.141
-    depth = far + far**2 * (smooth + 0.0035 * rng.standard_normal(size))
+    smooth = 0.0162 * gaussian_filter(rng.standard_normal(size), 2.0) / 0.141
+    depth = far + far**2 * (smooth + 0.007 * rng.standard_normal(size))
     rgb = np.broadcast_to(np.array([85, 120, 75], np.uint8), (*size, 3))
     lens = CameraModel(width, height, 0.75 * width, 0.75 * width, width / 2, height / 2)
     return DepthPicture(rgb, depth, lens)

@@ -5,11 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests.loaded import script
+from tests.perception.shots import shot_of
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.pose import Pose
 from optipromp_eyes import look_at
-from optipromp_eyes.detector import ByDetector, Detected, cut, finder_named
+from optipromp_eyes.detector import ByDetector, Detected, cut, finder_named, of_coco
 from optipromp_eyes.pictures import CameraModel, DepthPicture
 
 shapes = script("shapes").shapes
@@ -55,6 +56,33 @@ def test_masks_and_boxes_become_regions_the_surest_first() -> None:
         ByDetector(lambda rgb: [Detected("ripe", 1.0)]).find(shown)
     with pytest.raises(InvalidRequestError, match="shape"):
         ByDetector(lambda rgb: [Detected("ripe", 1.0, mask=np.ones((2, 2), bool))]).find(shown)
+
+
+def test_a_score_is_the_probability_of_ripeness_unless_the_detector_tells_one() -> None:
+    shot = shot_of()
+    mask = next(shot.masks == k for k, one in enumerate(shot.marked, 1) if one.kind == "ripe")
+    for score, ripe, role in ((0.31, None, "pushable"), (0.9, None, "target"),
+                              (0.31, 0.9, "target"), (0.9, 0.5, "pushable")):  # fmt: skip
+        finder = ByDetector.of([Detected("ripe", score, mask=mask, ripe=ripe)])
+        (fruit,) = look_at(shot.picture, up=shot.scene.up, finder=finder).detections
+        assert (fruit.item.role, fruit.region.kind, fruit.region.score) == (role, "ripe", score)
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [({"counts": "abc", "size": [4, 4]}, "run lengths"), ([[1, 1]], "polygons"),
+     ({"counts": [3, 3], "size": [4, 4]}, "not of 4 x 4 pixels")],
+)  # fmt: skip
+def test_masks_of_another_form_are_refused(change: object, told: str) -> None:
+    thing = {"image_id": 1, "category_id": 1, "bbox": [0, 0, 2, 2], "segmentation": change}
+    image = {"id": 1, "file_name": "a.rgb.png", "width": 4, "height": 4}
+    document = {"images": [image], "categories": [{"id": 1, "name": "ripe"}]}
+    good = {"counts": [4, 2, 10], "size": [4, 4]}
+    given = {**document, "annotations": [{**thing, "segmentation": good, "score": 0.5}]}
+    (one,) = of_coco(given, "own.json")["a"]
+    assert (one.score, one.mask.nonzero()) == (0.5, (pytest.approx([0, 1]), pytest.approx([1, 1])))
+    with pytest.raises(InvalidRequestError, match=told):
+        of_coco({**document, "annotations": [thing]}, "own.json")
 
 
 def test_a_detector_that_knows_the_truth_finds_what_is_round() -> None:

@@ -22,12 +22,12 @@ from optipromp_eyes import (
     look_at,
     seen_scene,
 )
-from optipromp_eyes.doubts import balanced, register_of
+from optipromp_eyes.doubts import register_of
 from optipromp_eyes.eyes import doubt_of
 
 UP = np.array([0.0, -1.0, 0.0])  # of a camera without pose that looks ahead
 LENS = CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5)
-GREEN, GREY, RIPE, SKIN = (85, 140, 60), (150, 150, 150), (190, 25, 30), (205, 150, 125)
+GREEN, GREY, RIPE = (85, 140, 60), (150, 150, 150), (190, 25, 30)
 WHITE, YELLOW, GOLD = (225, 225, 215), (235, 205, 60), (225, 170, 30)
 WEAK = [(1.0, s, t) for s in (0.5, 0.35) for t in (0.9 * s, 0.95)]  # red and grow light
 TUNGSTEN, RED, GROW = (1.0, 0.77, 0.56), (1.0, 0.25, 0.2), (1.0, 0.3, 0.9)
@@ -70,37 +70,26 @@ def words(sight: Sighting) -> str:
     return "; ".join(sight.doubts)
 
 
-@pytest.mark.parametrize("radius", [0.014, 0.017, 0.024])
-def test_skin_is_no_target_and_is_told(radius: float) -> None:
-    """A knuckle and a thumb: as round and as large as fruits."""
-    sight = look_at(still(ball(SKIN, radius=radius)), up=UP)
-    assert "ripe" not in kinds(sight)
-    assert "the colour of skin" in words(sight)
-    assert "at column 160, row 120" in words(sight)
+def targets(sight: Sighting) -> list[str]:
+    return [each.item.id for each in sight.detections if each.item.role == "target"]
 
 
-def test_a_detector_of_ones_own_is_believed_in_white_light() -> None:
-    """It may know more than colours: a pale fruit has the colour of skin."""
-    disc = np.hypot(*(np.indices((240, 320)) - [[[119.5]], [[159.5]]])) < 12
-    sight = look_at(still(ball(SKIN)), up=UP, finder=believed(disc))
-    assert kinds(sight) == ["ripe"]
-
-
-def test_a_red_tube_a_red_tape_a_small_knuckle_and_an_arm_are_no_targets() -> None:
+def test_a_red_tube_and_a_red_tape_are_no_targets_and_a_small_fruit_is() -> None:
     at = np.array([0.0, 0.0, 0.4])
     tube, tape = np.array([0.012, 5.0, 0.012]), np.array([0.012, 0.02, 0.0004])
-    for thing in ((at, tube, RIPE), (at, tape, RIPE), ball(SKIN, radius=0.011)):
-        assert "ripe" not in kinds(look_at(still(thing), up=UP))
-    arm = at, np.array([5.0, 0.04, 0.04]), SKIN
-    assert look_at(still(arm), up=UP).detections == ()
+    for thing in ((at, tube, RIPE), (at, tape, RIPE)):
+        assert targets(look_at(still(thing), up=UP, finder=ByGeometry())) == []
+    small = still((np.array([0.0, 0.0, 0.55]), np.full(3, 0.012), RIPE))  # 130 pixels
+    assert targets(look_at(small, up=UP, finder=ByGeometry())) == ["ripe1"]
 
 
-@pytest.mark.parametrize("light", [RED, GROW, (0.25, 0.3, 1.0)])
+@pytest.mark.parametrize("light", [RED, GROW, (0.2, 0.25, 1.0)])
 def test_where_nothing_reflects_green_no_fruit_is_ripe(light: tuple[float, ...]) -> None:
     disc = np.hypot(*(np.indices((240, 320)) - [[[119.5]], [[159.5]]])) < 11
     for colour in (GREEN, RIPE):
         sight = look_at(still(ball(colour), light=np.array(light)), up=UP, finder=believed(disc))
-        assert kinds(sight) == ["unripe"]
+        assert kinds(sight) == ["ripe"]
+        assert targets(sight) == []
         assert "red, blue or grow light?" in words(sight)
 
 
@@ -108,24 +97,40 @@ def test_in_a_grey_picture_no_fruit_is_ripe() -> None:
     shown = still(ball(RIPE))
     grey = np.repeat(shown.rgb.mean(axis=2, keepdims=True), 3, axis=2).astype(np.uint8)
     sight = look_at(replace(shown, rgb=grey), up=UP, finder=believed(shown.depth < 0.5))
-    assert kinds(sight) == ["unripe"]
+    assert targets(sight) == []
     assert "the picture is grey" in words(sight)
 
 
-def test_the_light_of_a_lamp_is_undone() -> None:
-    white, warm = still(ball(RIPE)), still(ball(RIPE), light=np.array(TUNGSTEN))
-    assert balanced(white) is white
-    gutter = balanced(warm).rgb[200:, 100:].reshape(-1, 3).mean(axis=0)
-    assert np.ptp(gutter) < 4.0 < np.ptp(warm.rgb[200:, 100:].reshape(-1, 3).mean(axis=0))
-    for colour, kind in ((RIPE, ["ripe"]), (SKIN, [])):
-        sight = look_at(still(ball(colour), light=np.array(TUNGSTEN)), up=UP)
-        assert [each for each in kinds(sight) if each == "ripe"] == kind
+def test_a_fruit_less_red_than_its_crop_wants_is_no_target() -> None:
+    """The upper third of a fruit is green."""
+    shown = still(ball(RIPE, radius=0.02))
+    high = (np.indices(shown.depth.shape)[0] < 115) & (shown.depth < 0.5)
+    half = replace(shown, rgb=np.where(high[..., None], np.uint8(GREEN), shown.rgb))
+    disc = believed(shown.depth < 0.5)
+    for least, roles in ((0.0, ["target"]), (0.5, ["target"]), (0.75, ["pushable"])):
+        sight = look_at(half, up=UP, finder=disc, parameters=EyeParameters(least_red=least))
+        assert [each.item.role for each in sight.detections] == roles
+        assert 0.55 < sight.detections[0].redness < 0.74
 
 
-def test_a_red_wall_behind_is_no_lamp() -> None:
+TABLES = {
+    "white": (225, 222, 215), "grey": (120, 120, 122), "paper": (200, 170, 130),
+    "soil": (110, 80, 60),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("light", [(1.0, 1.0, 1.0), TUNGSTEN])
+@pytest.mark.parametrize("table", [*TABLES, "red, and a wall behind"])
+def test_a_ripe_fruit_without_a_leaf_near_is_a_target(table: str, light: tuple[float, ...]) -> None:
+    """On a table, with nothing green; what is far counts too."""
     shown = still(ball(RIPE))
-    rgb = np.where((shown.depth > 0.5)[..., None], np.uint8([190, 60, 50]), shown.rgb)
-    assert (balanced(replace(shown, rgb=rgb)).rgb == rgb).all()
+    behind, far = shown.depth > 0.5, np.indices(shown.depth.shape)[0] < 60
+    rgb = np.where(behind[..., None], np.uint8(TABLES.get(table, (190, 60, 50))), shown.rgb)
+    if table not in TABLES:
+        rgb = np.where(far[..., None], np.uint8(GREY), rgb)
+    if light != TUNGSTEN or table in ("white", "grey"):
+        lit = replace(shown, rgb=np.rint(rgb * np.array(light)).astype(np.uint8))
+        assert targets(look_at(lit, up=UP)) == ["ripe1"]
 
 
 @pytest.mark.parametrize("looks", ["plain", "rich"])
@@ -141,15 +146,12 @@ def test_weak_coloured_light_makes_no_unripe_fruit_a_target(
     for pair in pairs:
         assert (
             pair.detection is None
-            or pair.detection.region.kind != "ripe"
+            or pair.detection.item.role == "pushable"
             or (pair.item.role == "target")
         )
     if light[1] == 1.0:
-        assert "ripe" in kinds(sight)
+        assert targets(sight)
         assert sight.doubts == ()
-    else:
-        assert "ripe" not in kinds(sight)
-        assert "red, blue or grow light?" in words(sight)
 
 
 @pytest.mark.parametrize("finder", [ByGeometry, ByNetwork])

@@ -1,6 +1,5 @@
 """The network of the eyes: its grouping, its file, and what it finds in a picture."""
 
-import json
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
@@ -9,13 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.cli.fixtures import invoke
 from tests.loaded import script
-from tests.perception.shots import shot_of, written
+from tests.perception.shots import shot_of
 
-from optipromp import load_scene
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.scenes.io import save_scene
 from optipromp_eyes import ByNetwork
 from optipromp_eyes.network import CLASSES, SCALE, depths_seen, encoded, grouped
 from optipromp_sim.simulation.photograph import Photograph
@@ -121,16 +117,6 @@ def test_the_shipped_network_finds_the_fruits_of_a_picture(shot: Photograph) -> 
     assert all(
         (a.pixels == b.pixels).all() for a, b in zip(found.regions, again.regions, strict=True)
     )
-
-
-def test_see_takes_the_network(shot: Photograph, tmp_path: Path) -> None:
-    save_scene(shot.scene, written(tmp_path, a=shot.picture) / "a.yaml")
-    done = invoke("see", tmp_path, "--finder", "network", "--model", WEIGHTS[0], "--json")
-    assert done.exit_code == 0, done.output
-    (record,) = json.loads(done.stdout)["pictures"]
-    seen = load_scene(record["scene"])
-    assert seen.target is not None
-    assert len(seen.pushables) + 1 == len(record["fruits"])
 
 
 def test_another_size_of_picture_is_as_good(shot: Photograph) -> None:

@@ -17,7 +17,7 @@ from optipromp_eyes.pictures import ENDS, load_picture
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.photograph import Photograph, StereoParameters, photograph, sensed
 
-STUDY = script("studies/eyes")
+STUDY, COCO = script("studies/eyes"), script("coco")
 
 
 def run(*words: object) -> str:
@@ -52,6 +52,23 @@ def test_from_a_picture_to_a_plan(pictures: Path, tmp_path: Path) -> None:
     assert (overlay != plain).any()
     plan = json.loads(run("plan", record["scene"], "--json"))
     assert plan["status"] == "success"
+
+
+def test_a_detector_that_ran_elsewhere_sees_by_its_file(pictures: Path, tmp_path: Path) -> None:
+    """Boxes and masks of COCO; what has no score is sure, and what the file lacks is not there."""
+    document = COCO.document(COCO.photographs(pictures))
+    (ripe,) = (k["id"] for k in document["categories"] if k["name"] == "ripe")
+    for each in document["annotations"]:
+        each["score"] = 0.5 if each["category_id"] == ripe else 0.9
+    (tmp_path / "found.json").write_text(json.dumps(document))
+    words = ("see", pictures, "--boxes", tmp_path / "found.json", "--out", tmp_path, "--json")
+    (record,) = json.loads(invoke(*words).stdout)["pictures"]
+    assert record["scene"] is None  # ripe with a probability of 0.5
+    assert {fruit["score"] for fruit in record["fruits"]} == {0.5, 0.9}
+    assert all(0.5 < fruit["fit"] <= 1.0 for fruit in record["fruits"])
+    refused = invoke(*words, "--finder", "geometry")
+    assert refused.exit_code == 2
+    assert "--boxes goes without --finder" in " ".join(refused.output.split())
 
 
 def test_what_is_seen_is_of_the_crop_that_is_named(pictures: Path, tmp_path: Path) -> None:

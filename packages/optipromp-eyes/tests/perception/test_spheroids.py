@@ -6,9 +6,17 @@ from scipy.ndimage import binary_erosion
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Ellipsoid, Sphere
-from optipromp_eyes import ByGeometry, CameraModel, DepthPicture, EyeParameters, look_at
+from optipromp_eyes import (
+    ByGeometry,
+    ByNetwork,
+    CameraModel,
+    DepthPicture,
+    EyeParameters,
+    look_at,
+)
 from optipromp_eyes.finder import Region
 from optipromp_eyes.spheroids import INSIDE, all_fitted, start_of
+from optipromp_sim.simulation.photograph import StereoParameters, sensed
 
 CAMERA = CameraModel(320, 240, 480.0, 480.0, 159.5, 119.5)
 UP = np.array([0.0, -1.0, 0.0])  # in the frame of the camera
@@ -137,7 +145,39 @@ def test_an_empty_picture_stems_walls_and_grey_balls_show_no_fruits() -> None:
     painter = Painter().rod(np.array([-0.05, 0.05, 0.45]), np.array([-0.05, -0.1, 0.45]))
     painter.ellipsoid(np.array([0.05, 0.0, 0.45]), (0.016,) * 3, (120, 120, 122))
     painter.ellipsoid(np.array([0.0, 0.0, 0.7]), (0.3, 0.05, 0.05), GREEN)
-    assert look_at(painter.picture(), up=UP).detections == ()
+    assert look_at(painter.picture(), up=UP, finder=ByGeometry()).detections == ()
+
+
+@pytest.mark.parametrize("finder", [ByGeometry, ByNetwork])
+def test_a_single_fruit_is_found_where_errors_of_depth_hide_that_it_is_round(
+    finder: type[ByGeometry | ByNetwork],
+) -> None:
+    """At 0.8 m, by a camera whose errors there, 6 mm, are those that the eyes expect."""
+    there = np.array([0.0, 0.0, 0.8])
+    painter = Painter().rod(there - [0.0, 0.017, 0.0], there - [0.0, 0.1, 0.0], 0.0015)
+    true = painter.ellipsoid(there, (0.017,) * 3, RED)
+    depth = np.where(np.isfinite(true.depth), true.depth, 1.1)
+    for seed in range(6):
+        measured = sensed(depth, CAMERA.focal, StereoParameters(), np.random.default_rng(seed))
+        seen = look_at(DepthPicture(true.rgb, measured, CAMERA), up=UP, finder=finder())
+        assert [each.item.id for each in seen.detections] == ["ripe1"]
+
+
+@pytest.mark.parametrize("depth", [True, False])
+def test_gloss_within_a_fruit_is_of_the_fruit(depth: bool) -> None:
+    """A highlight has no colour, and of some cameras no depth."""
+    painter = Painter()
+    for across in (-0.05, 0.0, 0.05):
+        center = np.array([across, 0.0, 0.4])
+        painter.ellipsoid(center, (0.017,) * 3, RED)
+        column, row = CAMERA.pixels(center) - [3, 3]
+        rows, columns = np.indices(painter.depth.shape)
+        shining = np.hypot(rows - row, columns - column) < 11
+        painter.rgb[shining] = 250
+        if not depth:
+            painter.depth[shining] = np.inf
+    seen = look_at(painter.picture(0.002), up=UP, finder=ByGeometry()).detections
+    assert [each.item.id for each in seen] == ["ripe1", "ripe2", "ripe3"]
 
 
 @pytest.mark.filterwarnings("error")

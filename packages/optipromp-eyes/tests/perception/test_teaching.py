@@ -69,7 +69,7 @@ def test_ten_marks_teach_a_crop_that_the_eyes_then_see_elsewhere(name: str, tmp_
     assert wrong <= 1
     assert stems >= 0.6 * found
     if not click:  # of the right kind, untaught
-        assert recall(others, EyeParameters())[2] < 0.8 * right
+        assert recall(others, EyeParameters())[2] <= 0.8 * right
 
 
 def test_coco_teaches_as_a_list_does(tmp_path: Path) -> None:

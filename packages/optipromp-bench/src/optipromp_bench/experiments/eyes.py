@@ -271,7 +271,7 @@ def _detection(item: SceneObject) -> Detection:
     assert item.covariance is not None
     fit = Spheroid(
         item.position, item.rotation[:, 2], item.radius, item.radius, item.covariance,
-        round=math.nan, share=math.nan, through=math.nan, spill=math.nan, off=math.nan,
+        *([math.nan] * 6),
     )  # fmt: skip
     stem = None
     if item.stem is not None:

@@ -16,6 +16,7 @@ from optipromp.parts import part
 if TYPE_CHECKING:
     from optipromp.core.scenes.crops import Crop
     from optipromp.core.scenes.scene import Scene
+    from optipromp_eyes.detector import Detected
     from optipromp_eyes.eyes import Sighting
     from optipromp_eyes.parameters import EyeParameters
     from optipromp_eyes.pictures import DepthPicture
@@ -41,8 +42,9 @@ def see(
     depth: Path | None = None,
     camera: Path | None = None,
     known: str | None = None,
-    finder: str = "geometry",
+    finder: str | None = None,
     model: Path | None = None,
+    boxes: Path | None = None,
     together: bool = False,
     bag: Path | None = None,
     topics: str | None = None,
@@ -54,17 +56,18 @@ def see(
 ) -> Report:
     """Find fruits and stems in pictures, and write scenes to plan in.
 
-    By colour, depth and shape, or by a network (--finder). Ripe fruits become the target (the
+    By a network, or by colour, depth and shape (--finder). Ripe fruits become the target (the
     lowest of several), unripe ones pushable. Every position has its covariance. What nobody saw,
     such as the stem of a fruit, is assumed and said. A picture NAME.overlay.png shows what was
     found.
 
     Examples:
         optipromp see pictures --out seen
-        optipromp see pictures --finder network --out seen
+        optipromp see pictures --finder geometry --out seen
         optipromp see views --together --known row.yaml --out seen
         optipromp see --rgb a.png --depth a.npz --camera camera.json --known row.yaml --out a.yaml
         optipromp see --bag row.mcap --known row.yaml --every 2 --out seen
+        optipromp see pictures --boxes detections.json --out seen
         optipromp see pictures --teach page --out my-crop.yaml
         optipromp see pictures --crop my-crop.yaml --out seen
         optipromp plan a.yaml --out reach
@@ -79,8 +82,11 @@ def see(
         known (SCENE): Whose robot, tool, start, approach and static objects are known; its fruits
             are not used. In a folder by default the scene beside each picture; else scenario-3.
         finder (geometry|network|MODULE:NAME): Of fruits and stems: by colour and shape, by our
-            network, or your own.
+            network, or your own; by default our network where onnxruntime is installed and the
+            crop has no colours of its own, else geometry.
         model (FILE.onnx): Of the network, in place of ours.
+        boxes (COCO.json): What a detector found elsewhere, in place of --finder: boxes or masks of
+            ripe, unripe and stem, with their score (of a class that is ripe its probability).
         together: All pictures show one scene, from different places: one scene 'together.yaml',
             too, each fruit's position the mean of all pictures that show it.
         bag: Of ROS 2, in place of files: colour and depth, or a cloud, and frames.
@@ -98,12 +104,13 @@ def see(
     """
     from optipromp.core.output import OVERLAY
     from optipromp.core.scenes.crops import load_crop
-    from optipromp_eyes.detector import finder_named
+    from optipromp_eyes.detector import ByDetector, finder_named, picture_name
     from optipromp_eyes.eyes import overlay
     from optipromp_eyes.parameters import EyeParameters, eyes_of
     from optipromp_eyes.pictures import png_file
 
     made = {EyeParameters(): finder_named(finder, model)}  # refused before anything is read
+    things = None if boxes is None else _detected(boxes, finder or model or bag)
     grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
@@ -129,6 +136,8 @@ def see(
         if p not in made:
             made[p] = finder_named(finder, model, p)
         eye = made[p]
+        if things is not None:
+            eye = ByDetector.of(things.get(picture_name(each.name), ()), _step(each, picture))
         sight = look_at(picture, up=scene.up, finder=eye, parameters=p)
         took = time.perf_counter() - began
         record, told = _answer(sight, scene, each, took, p)
@@ -148,11 +157,28 @@ def see(
     return Report(document, lines, OK if seen else FAILED)
 
 
+def _detected(boxes: Path, other: object) -> "dict[str, list[Detected]]":
+    from optipromp.core.documents import read_document
+    from optipromp_eyes.detector import of_coco
+
+    if other is not None:
+        raise InvalidRequestError("--boxes goes without --finder, --model and --bag")
+    return of_coco(read_document(boxes, InvalidRequestError, "COCO"), str(boxes))
+
+
+def _step(asked: _Asked, picture: "DepthPicture") -> int:
+    """Of how many rows and columns of a picture's file one is looked at."""
+    from optipromp_eyes.pictures import load_camera
+
+    wide = load_camera(asked.files[2])[0].width if asked.files else picture.camera.width
+    return round(wide / picture.camera.width)
+
+
 def _taught(asked: Iterable[_Asked], teach: str, like: "Crop", out: Path | None) -> Report:
     """Write the crop whose fruits are marked, on a page or in a file."""
     from optipromp.core.scenes.crops import save_crop
-    from optipromp_eyes.pictures import load_camera
-    from optipromp_eyes.teaching import Mark, picture_name, read_marks, taught
+    from optipromp_eyes.detector import picture_name
+    from optipromp_eyes.teaching import Mark, read_marks, taught
 
     if out is None or out.suffix not in (".yaml", ".yml", ".json"):
         raise InvalidRequestError("--teach writes a crop: give --out FILE.yaml")
@@ -160,8 +186,7 @@ def _taught(asked: Iterable[_Asked], teach: str, like: "Crop", out: Path | None)
     for each in asked:
         name = picture_name(each.name)
         picture = _load(each, optipromp.load_scene(each.known or "scenario-3"))
-        wide = load_camera(each.files[2])[0].width if each.files else picture.camera.width
-        pictures[name], steps[name] = picture, round(wide / picture.camera.width)
+        pictures[name], steps[name] = picture, _step(each, picture)
 
     def learn(marks: "Sequence[Mark]") -> tuple["Crop", tuple[str, ...]]:
         return taught(out.stem, like, pictures, marks)
@@ -316,7 +341,7 @@ def _answer(
         "status": Code.SUCCESS, "message": "",
     }  # fmt: skip
     stems = sum(each.stem is not None for each in sight.detections)
-    ripe = sum(each.region.kind == "ripe" for each in sight.detections)
+    ripe = sum(each.item.role == "target" for each in sight.detections)
     line = f"{asked.name}: {ripe} ripe, {len(fruits) - ripe} unripe, {stems} stems"
     if sight.found.left_out:
         line += f" ({sight.found.left_out} smaller places of their colours were left out)"
