@@ -32,8 +32,8 @@ KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
 DENSE, MOST_LEFT = 0.4, 12  # share of a fruit's breadth that is left, and such places: a choice
 FLATTEST, FAR_ROUND = -1.5, 1.35
-"""Bulge above which errors of depth may hide that a ripe fruit is round: of 80 drawn ones up to
-0.85 m away the least is -1.4; and the median of their ``round`` at 0.8 m, which then counts."""
+"""Bulge above which errors of depth may hide that a ripe fruit is round: of drawn ones up to 0.85 m
+away the least is -1.4; and the median of their ``round`` at 0.8 m, which then counts."""
 ROUND = 1.06  # length over width below which a fruit is a sphere: a choice
 SURELY = 0.95  # probability of ripeness below which it is told: a choice
 UNUSUAL = 3.0  # standard deviations of a crop's width, beyond which a fruit is reported: a choice
