@@ -22,8 +22,8 @@ LEAST_SAMPLES = 200  # pixels that tell of the light: a choice
 GREY = 0.06  # saturation that all of a grey picture are below: a choice
 GREENEST, STEEP = -0.40, 0.05
 """Logarithm of green over the others, of the 2 % that reflect most green, at which colours tell
-ripeness in half of the pictures, and the width of that step: fitted to 91 renders by MuJoCo in white
-and tinted light, and judged on the same."""
+ripeness in half of the pictures, and the width of that step: fitted to 91 renders by MuJoCo in
+white and tinted light, and judged on the same."""
 LONG, EVEN = 3.0, 0.15  # length over width of a tape, deviation of its width: choices
 TAPE = "straight, as a tape or tube is"
 SHIFT, LEAD = 6, 2.0  # [pixel] out of register; correlation over that in register: choices
