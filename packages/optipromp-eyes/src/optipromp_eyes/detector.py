@@ -6,7 +6,7 @@ from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 from scipy.ndimage import label
@@ -20,7 +20,7 @@ from optipromp_eyes.network import ByNetwork
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import ENDS, MOST_PIXELS, DepthPicture, Image8
 
-KNOWN: Mapping[str, Class] = {"ripe": "ripe", "unripe": "unripe", "stem": "stem"}
+KNOWN: Mapping[str, Class] = {kind: kind for kind in get_args(Class)}
 BAND = 0.03  # [m] least depth about the middle of a box that is its fruit: as of strawberries
 THIN = 0.01  # [m] the same about the nearest fifth of a stem's box: a choice
 CORE = 0.3  # share of a box's width and height, about its middle, that tells its depth: a choice
@@ -59,7 +59,7 @@ class ByDetector:
 
     Args:
         detect: what is found in colours (height, width, 3).
-        classes: classes of fruits and stems by the detector's words; others are left out.
+        classes: classes of fruits, stems and leaves by the detector's words; others are left out.
         least: score below which a thing is left out.
     """
 
@@ -83,7 +83,7 @@ class ByDetector:
         Raises:
             InvalidRequestError: something with neither mask nor box, a mask of another size.
         """
-        stems = np.zeros(picture.depth.shape, dtype=bool)
+        plant: dict[Class, BoolArray] = {}
         fruits: list[Region] = []
         for each in sorted(self.detect(picture.rgb), key=lambda one: -one.score):
             kind = self.classes.get(each.kind)
@@ -92,14 +92,13 @@ class ByDetector:
             pixels = _pixels(each, picture)
             for other in fruits:  # the surer one has the pixels of both
                 pixels &= ~other.pixels
-            if kind == "stem":
-                stems |= pixels
+            if kind in ("stem", "leaf"):
+                plant[kind] = plant.get(kind, False) | pixels
             elif pixels.any():
                 ripe = min(each.score, RIGHT) if kind == "ripe" and each.ripe is None else each.ripe
                 fruits.append(Region(kind, pixels, float(each.score), ripe=ripe))
-        if stems.any():
-            fruits.append(Region("stem", stems, 1.0))
-        return Found(tuple(fruits))
+        rest = (Region(kind, pixels, 1.0) for kind, pixels in plant.items() if pixels.any())
+        return Found((*fruits, *rest))
 
 
 def _pixels(each: Detected, picture: DepthPicture) -> BoolArray:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain, count
 
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter, uniform_filter
@@ -10,9 +11,11 @@ from scipy.spatial import cKDTree
 
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
+from optipromp.core.geometry.shapes import Ellipsoid, PointCloudShape, Shape, Sphere
+from optipromp.core.optimization.problem import reach
+from optipromp.core.planning.task import posed
 from optipromp.core.scenes.held import pairs_among
-from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.look import Look, unexplained
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes.detector import usual_finder
@@ -21,12 +24,13 @@ from optipromp_eyes.finder import MOST_FITS, Finder, Found, Region, box_of, larg
 from optipromp_eyes.fusing import Detection as Detection
 from optipromp_eyes.fusing import Sighting as Sighting
 from optipromp_eyes.fusing import fused
-from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_wall, smooth
+from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_green, is_wall, smooth
 from optipromp_eyes.parameters import EyeParameters, eyes_of
 from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
+from optipromp_eyes.solids import solids
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
 from optipromp_eyes.stems import SeenStem, stem_of
-from optipromp_eyes.unmeasured import TOLD, hidden_in, unmeasured
+from optipromp_eyes.unmeasured import unmeasured
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
@@ -87,6 +91,10 @@ def look_at(
         straight.append(stem is not None and not stem.bent)
         if stem is None and len(traces) > 1:
             stem = stem_of(fit, *traces[1], upward, p, per)
+        unsure = any((region.pixels[each.box] & each.part).any() for each, _ in doubted)
+        known = stem is not None or region.kind == "ripe" or unsure
+        if not known and not is_green(picture, region, p):
+            continue  # a round front of unknown kind, among the solids
         stem = _whole(stem, fit, picture)
         counts[region.kind] += 1
         name = f"{region.kind}{counts[region.kind]}"
@@ -98,14 +106,15 @@ def look_at(
             Detection(_item(name, region, fit, stem, upward, p), region, fit, stem, red)
         )
     items = tuple(each.item for each in detections)
-    look = Look(time, picture.camera.pose, items, picture.camera.view)
     above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
     posed = pose_of(picture, [fit for _, fit in good], straight, traces[0], above, p)
     blind = unmeasured(picture, found, [fit for _, fit in good], p, by_colour)
+    solid = (*blind, *solids(picture, found, detections, p))
+    look = Look(
+        time, picture.camera.pose, items, picture.camera.view, solids=tuple(o for _, o in solid)
+    )
     doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
-    if blind:
-        doubts += (f"{TOLD}, at {', '.join(where for where, _ in blind)}: solid where a fruit is",)
-    return Sighting(look, tuple(detections), found, doubts, tuple(item for _, item in blind))
+    return Sighting(look, tuple(detections), found, doubts, tuple(where for where, _ in solid))
 
 
 def _measured(
@@ -189,7 +198,7 @@ def _stem_points(
     or a fruit.
     """
     green = Region.mask(
-        (each for each in found.regions if each.kind != "ripe"), picture.depth.shape
+        (each for each in found.regions if each.kind in ("unripe", "stem")), picture.depth.shape
     )
     mask = green & ~Region.mask((region for region, _ in good), green.shape)
     rows = np.argwhere(mask)
@@ -319,13 +328,36 @@ def seen_scene(
         role: Role = "target" if item is target else "pushable"
         stem = item.stem or Stem.hidden(item.position, known.up, long, p.tilt)
         fruits.append(replace(item, role=role, stem=stem))
-    objects = (*cleared(fruits, known.up), *hidden_in(sights, found))
+    solid = _solid(sights, known, found)
+    if solid:
+        told = "; ".join(f"{item.id} at {where}" for where, item in solid)
+        assumed.append(f"solid, since no fruit, stem or known thing explains it: {told}")
+    objects = (*cleared(fruits, known.up), *(item for _, item in solid))
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),
         camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone), goal=None,
     )  # fmt: skip
     return scene, tuple(assumed)
+
+
+def _solid(
+    sights: Sequence[Sighting], known: Scene, fruits: Sequence[SceneObject]
+) -> list[tuple[str, SceneObject]]:
+    """What is solid in the base frame beside what is known and the arm at its start, each with its
+    place in its picture in words; ids are those of the look, if free."""
+    robot, state = posed(known)
+    arm = np.column_stack([robot.sphere_centers(state.q), robot.spheres.radius])
+    taken, out = {item.id for item in (*known.objects, *fruits)}, []
+    for k, each in enumerate(sights, 1):
+        view = "" if len(sights) == 1 else f" of picture {k}"
+        places = {o.id: p for o, p in zip(each.look.solids, each.places, strict=True)}
+        for item in unexplained(each.look, known, fruits, arm, reach(robot)):
+            more = (f"{item.id}-{n}" for n in count(2))
+            name = next(n for n in chain([item.id], more) if n not in taken)
+            taken.add(name)
+            out.append((places[item.id] + view, replace(item, id=name)))
+    return out
 
 
 def doubt_of(
@@ -387,31 +419,43 @@ def summary(each: Detection) -> dict[str, object]:
 
 
 RIPE, UNRIPE, STEM, CENTER = (255, 60, 200), (60, 160, 255), (255, 220, 0), (255, 255, 255)
+HARD, SOFT = (255, 110, 0), (0, 230, 230)
 HALF = 3  # [pixel] half the size of a cross
 
 
 def overlay(picture: DepthPicture, sight: Sighting) -> Image8:
-    """The picture (height, width, 3) with outlines of fruits, their centres, and lines of stems."""
+    """The picture (height, width, 3) with outlines of fruits, their centres, lines of stems, and
+    dots where it is solid."""
     out = np.array(picture.rgb)
+    for item in sight.look.solids:
+        cloud = isinstance(item.shape, PointCloudShape)
+        points = item.shape.points if cloud else item.shape.surface().reshape(-1, 3)
+        _dots(
+            out,
+            picture,
+            item.position + points @ item.rotation.T,
+            SOFT if item.role == "avoid" else HARD,
+        )
     for each in sight.detections:
         edge = binary_dilation(edge_of(each.region.pixels))
         out[edge] = RIPE if each.item.role == "target" else UNRIPE
         center = each.item.position
         if each.item.stem is not None:
-            _line(out, picture, center, each.item.stem.root)
+            share = np.linspace(0.0, 1.0, 300)[:, None]
+            _dots(out, picture, center + share * (each.item.stem.root - center), STEM)
         column, row = np.rint(picture.camera.pixels(center)).astype(int)
         out[max(row - HALF, 0) : row + HALF + 1, max(column, 0) : column + 1] = CENTER
         out[max(row, 0) : row + 1, max(column - HALF, 0) : column + HALF + 1] = CENTER
     return out
 
 
-def _line(out: Image8, picture: DepthPicture, begin: FloatArray, end: FloatArray) -> None:
-    """Draw a line between two points in the frame of the camera."""
-    share = np.linspace(0.0, 1.0, 300)[:, None]
-    points = begin + share * (end - begin)
+def _dots(
+    out: Image8, picture: DepthPicture, points: FloatArray, colour: tuple[int, int, int]
+) -> None:
+    """Draw points (N, 3) in the frame of the camera."""
     ahead = points[points[:, 2] > 1e-3]  # [m] before the camera
     places = np.rint(picture.camera.pixels(ahead)).astype(int)
     inside = (places >= 0).all(axis=1)
     inside &= (places[:, 0] < out.shape[1]) & (places[:, 1] < out.shape[0])
     places = places[inside]
-    out[places[:, 1], places[:, 0]] = STEM
+    out[places[:, 1], places[:, 0]] = colour

@@ -11,7 +11,7 @@ from optipromp.core.arrays import BoolArray, IntArray, read_only
 from optipromp_eyes.boards import opencv
 from optipromp_eyes.pictures import DepthPicture
 
-Class = Literal["ripe", "unripe", "stem"]
+Class = Literal["ripe", "unripe", "stem", "leaf"]
 MOST_REGIONS = 256  # of a picture: a choice; pictures of rows have up to 201
 RIGHT = 0.96  # share of fruits whose ripeness finders tell right: of 1,500 rendered ones
 SUREST = 0.99  # probability of ripeness that one picture can tell: a choice
@@ -22,7 +22,7 @@ class Region:
     """The pixels of one thing. Kept are those of its box alone.
 
     Attributes:
-        kind: ``ripe`` or ``unripe`` of one fruit; ``stem`` of all stems together.
+        kind: ``ripe`` or ``unripe`` of one fruit; ``stem``, ``leaf`` of all stems, leaves together.
         score: 0 to 1, how sure the finder is.
         ripe: probability that a fruit is ripe.
         shape: height and width of the picture.
@@ -104,7 +104,7 @@ class Found:
     """All that was found in one picture, the surest first.
 
     Attributes:
-        regions: fruits and stems.
+        regions: fruits, stems and leaves.
         left_out: how many places of fruits the finder left out, because there are too many.
     """
 
@@ -114,7 +114,7 @@ class Found:
     @property
     def fruits(self) -> tuple[Region, ...]:
         """The fruits, ripe and unripe."""
-        return tuple(region for region in self.regions if region.kind != "stem")
+        return tuple(region for region in self.regions if region.kind in ("ripe", "unripe"))
 
     @property
     def stems(self) -> tuple[Region, ...]:

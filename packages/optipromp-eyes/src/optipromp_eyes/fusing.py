@@ -51,14 +51,14 @@ class Sighting:
         detections: with pixels, fits and stems.
         found: the regions, also those in which no fruit fits.
         doubts: what may be wrong with the picture, in words.
-        unmeasured: solid in the frame of the camera, where fruits may be that have no depth.
+        places: column and row of each of the solids of the look, in words.
     """
 
     look: Look
     detections: tuple[Detection, ...]
     found: Found
     doubts: tuple[str, ...] = ()
-    unmeasured: tuple[SceneObject, ...] = ()
+    places: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -273,6 +273,12 @@ def is_wall(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
     return front is not None and front.most + SURE * front.deviation < FLAT / p.most_radius
 
 
+def is_green(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
+    """Whether most of a region has the colour of unripe fruits or of stems."""
+    green = coloured(picture.rgb[region.box][region.part].astype(np.float32), p) >= 2
+    return bool(green.size and green.mean() > 0.5)
+
+
 def edge_of(pixels: BoolArray) -> BoolArray:
     """The pixels just inside the edge of a region."""
     return np.asarray(pixels & ndimage.binary_dilation(~pixels, SQUARE))

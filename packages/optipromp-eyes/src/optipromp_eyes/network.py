@@ -28,7 +28,9 @@ from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import MOST_SEEN, DepthPicture
 
 CLASSES = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
-FRUITS, STEMS = [CLASSES.index("ripe"), CLASSES.index("unripe")], [CLASSES.index("stem")]
+FRUITS, STEMS, LEAVES = ([CLASSES.index(name) for name in names] for names in (
+    ("ripe", "unripe"), ("stem",), ("leaf",)
+))  # fmt: skip
 SEEN = 20.0  # [pixel] radius of a usual fruit in what the network sees: a choice
 USUAL = EyeParameters().radius  # [m] that radius in the pictures of training
 SCALE = SEEN / USUAL  # [pixel/m]
@@ -179,13 +181,13 @@ class ByNetwork:
         depths = depths[first]  # depths of one scale are seen once
         ends = np.sqrt(depths[1:] * depths[:-1])  # between two depths
         shown: list[Region] = []
-        stems = np.zeros(picture.depth.shape, dtype=bool)
+        stems, leaves = np.zeros((2, *picture.depth.shape), dtype=bool)
         left_out = 0
         for row, factor in enumerate(factors):
-            regions, stem, left = self._seen_at(picture, float(factor))
-            if len(ends):
-                stem &= (np.digitize(picture.depth, ends) == row) | (picture.depth == 0.0)
-            stems |= stem
+            regions, (stem, leaf), left = self._seen_at(picture, float(factor))
+            here = (np.digitize(picture.depth, ends) == row) | (picture.depth == 0.0)
+            stems |= stem & here
+            leaves |= leaf & here
             left_out += left
             for region in regions:  # a fruit is of the scale of most of its pixels
                 far = picture.depth[region.box][region.part]
@@ -194,11 +196,15 @@ class ByNetwork:
                     shown.append(region)
         stems &= ~Region.mask(shown, stems.shape)
         shown.sort(key=lambda region: -region.score)
-        return Found((*shown, *([Region("stem", stems, 1.0)] if stems.any() else [])), left_out)
+        kinds: tuple[tuple[Class, BoolArray], ...] = (("stem", stems), ("leaf", leaves & ~stems))
+        rest = (Region(kind, mask, 1.0) for kind, mask in kinds if mask.any())
+        return Found((*shown, *rest), left_out)
 
-    def _seen_at(self, picture: DepthPicture, factor: float) -> tuple[list[Region], BoolArray, int]:
-        """Fruits and stems of the picture drawn larger or smaller by a factor, at the picture's own
-        pixels, and how many fruits are left out."""
+    def _seen_at(
+        self, picture: DepthPicture, factor: float
+    ) -> tuple[list[Region], tuple[BoolArray, BoolArray], int]:
+        """Fruits, and stems and leaves, of the picture drawn larger or smaller by a factor, at the
+        picture's own pixels, and how many fruits are left out."""
         shape = picture.depth.shape
         size = tuple(max(round(side * factor), 8) for side in shape)
         rows, columns = (each.astype(int) for each in _middles(size, shape))
@@ -216,8 +222,8 @@ class ByNetwork:
         kinds, offsets = told[: len(CLASSES)], FAR * told[len(CLASSES) :]
         sure = np.exp(kinds - kinds.max(axis=0))
         sure /= sure.sum(axis=0)
-        leads = _lead(sure, FRUITS), _lead(sure, STEMS)
-        fruit, stem = (wide > 0.0 for wide in _wide(leads, size, shape))
+        leads = (_lead(sure, kinds) for kinds in (FRUITS, STEMS, LEAVES))
+        fruit, stem, leaf = (wide > 0.0 for wide in _wide(leads, size, shape))
         owner = grouped(sure, offsets)
         # the smooth edge of a fruit may lie next to it
         spread = np.where(owner > 0, owner, most_about(owner, 3))
@@ -235,7 +241,7 @@ class ByNetwork:
             sure_of = ripe / max(ripe + unripe, 1e-6)
             mask = full[box] == k
             regions.append(Region(name, mask, max(ripe, unripe), box, shape, sure_of))
-        return regions, stem & ~fruit, int(np.sum(np.delete(sizes, chosen) > 0))
+        return regions, (stem & ~fruit, leaf & ~fruit), int(np.sum(np.delete(sizes, chosen) > 0))
 
 
 def depths_seen(picture: DepthPicture) -> FloatArray:

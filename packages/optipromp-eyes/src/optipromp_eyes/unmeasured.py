@@ -5,8 +5,7 @@ nearest to the farthest place.
 """
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 
 import numpy as np
 from scipy import ndimage
@@ -16,7 +15,6 @@ from optipromp.core.geometry.shapes import Cone
 from optipromp.core.scenes.objects import SceneObject
 from optipromp_eyes.doubts import steepness
 from optipromp_eyes.finder import Found, Region
-from optipromp_eyes.fusing import Sighting
 from optipromp_eyes.geometry import SQUARE, coloured, smooth
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import CLOSEST, DepthPicture
@@ -31,7 +29,6 @@ CLOSED = 0.85  # share of what is about a patch that is edges: a choice
 BLURRED = 1.0  # [of EVERY pixels] by which an edge makes a patch smaller: a choice
 RING = 3  # [of EVERY pixels] about it, whose farthest depth it is before: a choice
 WIDER = 1.3  # outline of a fruit that was measured, whose holes are its own: a choice
-TOLD = "of the colour of fruits, and without depth"
 
 
 def unmeasured(
@@ -114,14 +111,3 @@ def _solid(
     ray /= np.linalg.norm(ray)
     shape = Cone(far * radius / focal, near * radius / focal, far - near)
     return shape, 0.5 * (near + far) * ray, frame_along(ray)
-
-
-def hidden_in(sights: Sequence[Sighting], fruits: Sequence[SceneObject]) -> Iterator[SceneObject]:
-    """What is solid in the base frame, where no picture measured one of the ``fruits``."""
-    places = np.array([item.position for item in fruits]).reshape(-1, 3)
-    for k, sight in enumerate(sights):
-        for item in sight.unmeasured:
-            there = item.transformed(sight.look.camera)
-            local = np.abs((places - there.position) @ there.rotation)
-            if not (local <= there.shape.measure.half).all(axis=1).any():
-                yield replace(there, id=item.id if len(sights) == 1 else f"{item.id}-{k + 1}")

@@ -247,10 +247,10 @@ def test_a_fruit_without_depth_is_told_and_solid(
     blind = replace(shot.picture, depth=np.where(mask, 0.0, shot.picture.depth))
     eye = finder()
     whole = look_at(shot.picture, up=shot.scene.up, finder=eye)
-    assert not whole.unmeasured
+    assert not any("unmeasured" in item.id for item in whole.look.solids)
     sight = look_at(blind, up=shot.scene.up, finder=eye)
-    (solid,) = sight.unmeasured
-    (told,) = [words for words in sight.doubts if "without depth" in words]
+    pairs = zip(sight.look.solids, sight.places, strict=True)
+    ((solid, told),) = [pair for pair in pairs if "unmeasured" in pair[0].id]
     column, row = map(int, re.findall(r"(?:column|row) (\d+)", told))
     assert mask[row, column]
     fruit = next(item for item in shot.scene.objects if item.id == name)

@@ -72,7 +72,7 @@ def test_what_one_picture_misses_another_adds(
     assert len(many) == len(sights[1].detections)
     assert sorted(fruit.views for fruit in many)[0] == 1
     scene, _ = seen_scene([less, sights[1]], shots[0].scene)
-    fruits = [item for item in scene.objects if item.role != "static"]
+    fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
     assert len(fruits) == len(many)
     assert all(item.stem is not None for item in fruits)
 
@@ -128,4 +128,5 @@ def test_see_writes_one_scene_of_a_folder(shots: list[Photograph], tmp_path: Pat
     assert set(views) <= {1, 2}
     assert views.count(2) >= len(views) - 1
     scene = load_scene(record["scene"])
-    assert len([item for item in scene.objects if item.role != "static"]) == len(record["fruits"])
+    fruits = [item for item in scene.objects if item.role in ("target", "pushable")]
+    assert len(fruits) == len(record["fruits"])

@@ -94,7 +94,10 @@ def test_files_of_one_picture_give_the_scene_of_the_folder(pictures: Path, tmp_p
         "see", "--rgb", f"{name}.rgb.png", "--depth", tmp_path / "depth.npz", "--camera",
         f"{name}.camera.json", "--known", f"{name}.yaml", "--out", tmp_path / "one.yaml",
     )  # fmt: skip
-    assert (tmp_path / "one.yaml").read_text() == (tmp_path / f"{name.name}.yaml").read_text()
+    one = (tmp_path / "one.yaml").read_text()
+    assert one.replace("one.solids", f"{name.name}.solids") == (
+        (tmp_path / f"{name.name}.yaml").read_text()
+    )
 
 
 def test_the_same_seed_gives_the_same_picture_and_another_seed_another(shot: Photograph) -> None:

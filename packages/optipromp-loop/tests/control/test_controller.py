@@ -13,8 +13,10 @@ from tests.control.benches import Picked, eye_of, in_order, pick, still
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.control import picks as module
@@ -82,6 +84,31 @@ def test_a_fruit_that_is_first_seen_on_the_way_is_planned_for(scene: Scene) -> N
     first, second = done.controller.plans[:2]
     assert len(second.scene.pushables) == len(first.scene.pushables) + 1
     assert done.controller.tries == done.controller.parameters.tries
+
+
+def test_a_thing_that_appears_in_a_look_is_an_obstacle(usual: Picked, scene: Scene) -> None:
+    """A post stands beside the way that was taken; looks show its front after the arm set out."""
+    first = usual.controller.plans[-1]
+    points, _ = first.robot.tool_pose(first.trajectory.positions)
+    up = 0.005 * np.arange(-12, 13)[:, None] * scene.up
+    post = points[len(points) // 2] + 0.05 * scene.approach.frame[0] + up
+
+    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
+        for look in looks:
+            cloud = PointCloudShape(look.camera.inverse() @ post, 0.005)
+            thing = SceneObject("unknown1", "static", cloud, np.zeros(3))
+            yield replace(look, solids=(thing,) if look.time > 0.3 else ())
+
+    done = pick(Controller(scene), scene, eye_of(scene), filtered=filtered)
+    assert_sound(done)
+    last = done.controller.plans[-1]
+    (seen,) = [item for item in last.scene.static if item.id.startswith("seen")]
+    assert np.linalg.norm(seen.position - post.mean(axis=0)) < 0.01
+    assert not any(o.id.startswith("seen") for o in done.controller.plans[0].scene.static)
+    centers = np.concatenate([done.controller.robot.sphere_centers(s.q) for s in done.references])
+    gaps = np.linalg.norm(centers[:, None] - post, axis=2).min(axis=1)
+    radii = np.tile(done.controller.robot.spheres.radius, len(done.references))
+    assert (gaps - radii).min() > 0.0
 
 
 def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> None:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import optipromp
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.core.errors import Code, InvalidRequestError
-from optipromp.core.files import check_folder, is_file, is_folder, write_atomically
+from optipromp.core.files import check_folder, is_file, is_folder, npz, write_atomically
 from optipromp.parts import part
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.crops import Crop
-    from optipromp.core.scenes.scene import Scene
+    from optipromp.core.scenes.scene import Scene, SceneObject
     from optipromp_eyes.detector import Detected
     from optipromp_eyes.eyes import Sighting
     from optipromp_eyes.parameters import EyeParameters
@@ -243,9 +243,35 @@ def _written(
     except InvalidRequestError as error:
         record.update(status=error.code, message=error.message)
         return [f"{line}; no scene: {error.message}"]
-    optipromp.save_scene(scene, file)
+    known_ids = {item.id for item in known.static}
+    solids = [item for item in scene.objects if item.stem is None and item.id not in known_ids]
+    optipromp.save_scene(_filed(scene, file), file)
     record.update(scene=str(file), assumed=list(assumed))
+    record["solids"] = [
+        {
+            "id": o.id,
+            "role": o.role,
+            "position": o.position.round(4).tolist(),
+            "radius": round(o.radius, 4),
+        }
+        for o in solids
+    ]
     return [f"{line}; wrote {file}", *(f"  {words}" for words in assumed)]
+
+
+def _filed(scene: "Scene", file: Path) -> "Scene":
+    """The scene whose point clouds are in a folder beside its file."""
+    from optipromp.core.geometry.shapes import PointCloudShape
+
+    def filed(item: "SceneObject") -> "SceneObject":
+        shape = item.shape
+        if not isinstance(shape, PointCloudShape) or shape.path is not None:
+            return item
+        path = file.with_suffix(".solids") / f"{item.id}.npz"
+        write_atomically(path, npz({"points": shape.points}))
+        return replace(item, shape=replace(shape, path=path.absolute()))
+
+    return scene.each(filed)
 
 
 def _asked(

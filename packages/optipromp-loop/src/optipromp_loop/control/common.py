@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.optimization.problem import reach
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.look import Look, unexplained
 from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control import driver
 from optipromp_loop.control.camera import CameraWatch
 from optipromp_loop.control.driver import Driver
 from optipromp_loop.control.parameters import LoopParameters
+from optipromp_loop.control.solids import Solids
 from optipromp_loop.control.tracker import Tracked, Tracker
 from optipromp_loop.control.tracks import TrackerParameters
 
@@ -71,10 +75,34 @@ class Common:
         first = driver.first_tracks(scene, parameters.known)
         self.tracker = Tracker(scene, first=first, tool=self._mouth)
         self.driver = Driver(scene, self.robot, state, parameters)
+        self._told, self._solids, self._appeared = scene, Solids(), False
         self.tries, self.over, self.picks = parameters.tries, "", list[Picked]()
 
     def _mouth(self, time: float) -> FloatArray:
         return driver.mouth_balls(self.robot, self.camera.configuration(time), self.looks.eye)
+
+    def stands(self, look: Look) -> None:
+        """Take what a look shows, and nothing explains, into the scene."""
+        if not (look.solids or self._solids.items):
+            return
+        q = self.camera.configuration(look.time)
+        arm = np.column_stack([self.robot.sphere_centers(q), self.robot.spheres.radius])
+        fruits = self.tracker.at(look.time).objects()
+        seen = unexplained(look, self._told, fruits, arm, reach(self.robot))
+        solids = self._solids.after(look, list(seen))
+        if solids is not self._solids:
+            self._appeared, self._solids = True, solids
+            self.scene = replace(self._told, objects=(*self._told.objects, *solids.items))
+            self.driver.stands(self.scene)
+
+    def blocked(self) -> bool:
+        """Whether something has appeared since the last call, and the arm's course touches it."""
+        new, self._appeared = self._appeared, False
+        return (
+            new
+            and self.driver.course is not None
+            and not self.driver.safe(self.driver.course.curve)
+        )
 
     @property
     def holding(self) -> bool:

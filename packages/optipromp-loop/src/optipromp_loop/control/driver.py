@@ -395,9 +395,13 @@ class Driver:
         self.course: Course | None = None
         self.route: Route
         self.held = False
-        self._offset: FloatArray | None = None  # (1, 3) of the plant's rest by then [m]
+        self._offset: FloatArray | None = None  # (1, 3) of the plant when the target was taken [m]
         self._shift = np.zeros((0, 3))
         self._followed = 0.0
+
+    def stands(self, scene: Scene) -> None:
+        """Take over what stands still in a scene."""
+        self.still = replace(self.still, objects=without_fruits(scene).objects)
 
     def stands_at(self, q: FloatArray, begins: float | None = None) -> None:
         """Note where an arm that has not moved yet stands, ``q`` (n,).
@@ -473,7 +477,7 @@ class Driver:
         return course
 
     def hold(self, now: float, tracked: Tracked) -> None:
-        """From now on the target moves with the tool, and the plant is taken to rest.
+        """From now on the target moves with the tool, and the plant is taken to stand as it is.
 
         What is seen of fruits that the tool presses is its own motion: a way out that follows them
         follows itself.

@@ -63,6 +63,7 @@ AFTER: Mapping[LoopStage, frozenset[LoopStage]] = {
 }
 """The stages that may follow a stage."""
 STANDS = "the camera's pictures stand still"
+BLOCKED = "something that nobody told stands in the way"
 FALLS = "the target falls: its stem broke"
 
 
@@ -252,6 +253,8 @@ class Travel(Stage):
         route = drive.route
         if drive.stuck(now):
             return None, Next(Observe(), "nothing leads onto the path")
+        if loop.blocked():
+            return drive.brake(begins), Next(Observe(), BLOCKED)
         if drive.phase(begins) >= route.duration:
             return drive.brake(begins), Next(self.then, self.told)
         new = frozenset(driver.appeared(route.scene, tracked))

@@ -1,14 +1,22 @@
 """Looks: what a detector saw at one moment; the door of every camera."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Annotated
 
+import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 
+from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
+from optipromp.core.geometry.distances import distances
+from optipromp.core.geometry.obstacles import pack
+from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.rotations import IDENTITY
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.values import Validated
 
 
@@ -29,6 +37,8 @@ class Look(Validated):
             not missed.
         near: distance from the camera below which it measures nothing [m]; 0: not known.
         far: distance from the camera above which it measures nothing [m]; infinite: not known.
+        solids: what it measures that is no detection: ``static``, or ``avoid`` what yields, in the
+            frame of the camera. What is known and the arm are among it: :func:`unexplained`.
 
     Raises:
         InvalidRequestError: a detection without a covariance, an angle outside 0 to pi, or limits
@@ -41,6 +51,7 @@ class Look(Validated):
     view: Annotated[float, Gt(0.0), Le(3.15), Unit("rad")] = 1.2
     near: Annotated[float, Ge(0.0), Unit("m")] = 0.0
     far: Annotated[float, Gt(0.0), Unit("m or inf")] = math.inf
+    solids: tuple[SceneObject, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,3 +66,50 @@ class Look(Validated):
     def in_base(self) -> tuple[SceneObject, ...]:
         """The detections in the robot's base frame."""
         return tuple(item.transformed(self.camera) for item in self.detections)
+
+
+BESIDE = 0.01  # [m] from what is known, within which a point is of it: a choice
+BY_ARM = 0.02  # [m] from the arm's cover, the same: cables and covers: a choice
+BEHIND = 0.0, 0.01, 0.02, 0.03  # [m] so far behind what is known, nobody saw: a choice
+FEWEST = 4  # points of a solid that are left: a choice
+
+
+def unexplained(
+    look: Look, known: Scene, fruits: Sequence[SceneObject], arm: FloatArray, reach: float
+) -> Iterator[SceneObject]:
+    """The solids of a look, in the base frame, less what is known and what the arm cannot reach.
+
+    A point of a cloud is left out beside, or close behind, a static object of ``known``, one of the
+    ``fruits`` or the arm, and beyond ``reach``. A solid of another shape is left out where a fruit
+    lies in it.
+
+    Args:
+        look: whose solids are meant.
+        known: the scene without the look.
+        fruits: that were measured, in the base frame.
+        arm: balls (B, 4) of the arm at the time of the look, centres and radii [m].
+        reach: distance of the arm's farthest point from its base, in any configuration [m].
+    """
+    around = pack([(o.shape, o.position, o.rotation) for o in (*known.static, *fruits)])
+    middles = np.array([item.position for item in fruits]).reshape(-1, 3)
+    for item in look.solids:
+        there = item.transformed(look.camera)
+        if not isinstance(there.shape, PointCloudShape):
+            local = np.abs((middles - there.position) @ there.rotation)
+            if not (local <= there.shape.measure.half).all(axis=1).any():
+                yield there
+            continue
+        points = there.position + there.shape.points @ there.rotation.T
+        points = points[lengths(points) < reach]
+        beside = BESIDE + (there.padding or 0.0)
+        for behind in BEHIND:
+            ways = points - look.camera.position
+            before = points - behind * ways / lengths(ways)[:, None]
+            free = distances(around, before)[0].min(axis=1, initial=np.inf) > beside
+            for ball in arm:
+                free &= lengths(before - ball[:3]) > ball[3] + BY_ARM
+            points = points[free]
+        if len(points) >= FEWEST:
+            middle = points.mean(axis=0)
+            shape = PointCloudShape(points - middle, there.shape.radius)
+            yield replace(there, shape=shape, position=middle, orientation=IDENTITY)
