@@ -428,14 +428,10 @@ def overlay(picture: DepthPicture, sight: Sighting) -> Image8:
     dots where it is solid."""
     out = np.array(picture.rgb)
     for item in sight.look.solids:
-        cloud = isinstance(item.shape, PointCloudShape)
-        points = item.shape.points if cloud else item.shape.surface().reshape(-1, 3)
-        _dots(
-            out,
-            picture,
-            item.position + points @ item.rotation.T,
-            SOFT if item.role == "avoid" else HARD,
-        )
+        cloud = item.shape if isinstance(item.shape, PointCloudShape) else None
+        points = item.shape.surface().reshape(-1, 3) if cloud is None else cloud.points
+        colour = SOFT if item.role == "avoid" else HARD
+        _dots(out, picture, item.position + points @ item.rotation.T, colour)
     for each in sight.detections:
         edge = binary_dilation(edge_of(each.region.pixels))
         out[edge] = RIPE if each.item.role == "target" else UNRIPE

@@ -180,4 +180,4 @@ def _cells(
     unique = np.unique(np.concatenate(codes))
     cells = (unique[:, None] >> np.arange(2 * BITS, -1, -BITS)) % (1 << BITS) - SHIFT
     ends = np.searchsorted(unique >> 3 * BITS, np.arange(1, marks.max(initial=0) + 2))
-    return [(cells[a:b] + 0.5) * VOXEL for a, b in pairwise(ends.tolist())]
+    return [np.asarray((cells[a:b] + 0.5) * VOXEL) for a, b in pairwise(ends.tolist())]

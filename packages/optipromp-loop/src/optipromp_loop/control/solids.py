@@ -56,8 +56,8 @@ class Solids:
 
 def _points(item: SceneObject) -> FloatArray:
     """Points (N, 3) of an object in the base frame [m]."""
-    cloud = isinstance(item.shape, PointCloudShape)
-    points = item.shape.points if cloud else item.shape.surface().reshape(-1, 3)
+    shape = item.shape
+    points = shape.points if isinstance(shape, PointCloudShape) else shape.surface().reshape(-1, 3)
     return np.asarray(item.position + points @ item.rotation.T)
 
 
