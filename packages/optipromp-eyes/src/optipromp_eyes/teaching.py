@@ -13,7 +13,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, short, suggest
 from optipromp.core.scenes.crops import Crop, crop_from_dict, crop_to_dict
-from optipromp_eyes.detector import BAND, KNOWN, cut, of_coco, picture_name
+from optipromp_eyes.detector import BAND, cut, of_coco, picture_name
 from optipromp_eyes.finder import Class, box_of
 from optipromp_eyes.geometry import HOLE, coloured, hsv, off, smooth
 from optipromp_eyes.parameters import Colour, EyeParameters
@@ -51,6 +51,9 @@ class Mark(NamedTuple):
         return self._replace(box=(left, top, right, bottom))
 
 
+MARKED: Mapping[str, Class] = {"ripe": "ripe", "unripe": "unripe", "stem": "stem"}
+
+
 class _Sample(NamedTuple):
     kind: Class
     rgb: FloatArray  # (N, 3) 0 to 255
@@ -74,7 +77,7 @@ def read_marks(path: Path) -> list[Mark]:
                 {"picture": name, "kind": each.kind, "box": each.box}
                 for name, things in of_coco(document, str(path)).items()
                 for each in things
-                if each.kind in KNOWN
+                if each.kind in MARKED
             ]
         else:
             marks = document
@@ -86,13 +89,13 @@ def read_marks(path: Path) -> list[Mark]:
 def _mark(given: dict[str, Any], where: str) -> Mark:
     kind, place = given["kind"], given["box"] if "box" in given else 2 * list(given["at"])
     box = tuple(float(number) for number in place)
-    if kind not in KNOWN:
-        raise InvalidRequestError(f"{where}: kind is {short(kind)}: {suggest(kind, KNOWN)}")
+    if kind not in MARKED:
+        raise InvalidRequestError(f"{where}: kind is {short(kind)}: {suggest(kind, MARKED)}")
     if len(box) != 4 or not np.isfinite(box).all() or box[2] < box[0] or box[3] < box[1]:
         raise InvalidRequestError(
             f"{where}: {short(place)} must be left, top, right, bottom, or at: column, row [pixel]"
         )
-    return Mark(picture_name(str(given["picture"])), KNOWN[kind], box)
+    return Mark(picture_name(str(given["picture"])), MARKED[kind], box)
 
 
 def taught(
@@ -116,7 +119,7 @@ def taught(
                 f"{suggest(mark.picture, pictures)}"
             )
         samples.append(_sample(pictures[mark.picture], mark))
-    count = {kind: sum(each.kind == kind for each in samples) for kind in KNOWN}
+    count = {kind: sum(each.kind == kind for each in samples) for kind in MARKED}
     if count["ripe"] < FEWEST:
         raise InvalidRequestError(
             f"{count['ripe']} ripe fruits are marked: mark at least {FEWEST}, better ten, and as "
@@ -222,7 +225,7 @@ def _colours(samples: Sequence[_Sample]) -> tuple[dict[str, float], str]:
     """Numbers of :class:`EyeParameters` that tell the kinds apart by colour, and what does."""
     charts = {
         kind: np.array(hsv(np.concatenate([s.rgb for s in samples if s.kind == kind])))
-        for kind in KNOWN
+        for kind in MARKED
         if any(s.kind == kind for s in samples)
     }
     usual, every = EyeParameters(), np.concatenate(list(charts.values()), axis=1)

@@ -34,7 +34,7 @@ def test_names_and_folders_that_look_like_markup(here: Path) -> None:
     name = NAME
     save_scene(named(name), here / "scene.yaml")
     out = f"o{name}"
-    printed = told("plan", "scene.yaml", "--no-figures", "--out", out)
+    printed = told("plan", "scene.yaml", "--no-figures", "--details", "--out", out)
     assert printed.startswith(f"{name}  opti-promp")
     assert f"M_p {name}" in printed
     assert f" to {out}" in printed

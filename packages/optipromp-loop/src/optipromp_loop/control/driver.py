@@ -477,7 +477,7 @@ class Driver:
         return course
 
     def hold(self, now: float, tracked: Tracked) -> None:
-        """From now on the target moves with the tool, and the plant is taken to stand as it is.
+        """From now on the target moves with the tool, and the common sway of the plant counts.
 
         What is seen of fruits that the tool presses is its own motion: a way out that follows them
         follows itself.
@@ -488,9 +488,8 @@ class Driver:
         self._offset = rest.at(route.points[-1:], np.zeros(1))
 
     def _field(self, route: Route, tracked: Tracked) -> Displacement:
-        if self._offset is not None:
-            still = np.broadcast_to(self._offset, (1, 1, 3))
-            return Displacement(self._offset, lambda times: still.repeat(len(times), axis=0))
+        if (offset := self._offset) is not None:
+            return Displacement(offset, lambda times: (offset + tracked.sway(times))[:, None])
         places, moved, rows = displaced(route.scene, tracked)
         length = self._parameters.field
         return Displacement(places, lambda times: moved + tracked.moves(times)[:, rows], length)

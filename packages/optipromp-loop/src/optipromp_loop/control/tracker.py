@@ -63,6 +63,14 @@ class Tracked:
     _belief: Belief = field(repr=False)
     _world: Setting = field(repr=False)
 
+    def sway(self, times: FloatArray) -> FloatArray:
+        """The predicted common displacement (M, 3) of the plant [m], at ``times`` as of moves."""
+        state = self._belief.state
+        count, half = 2 * state.layout.bank, state.layout.half
+        a, b, _, _ = state.oscillators.some(slice(count)).transition(self._ahead(times)[:, None])
+        x = a * state.mean[:count] + b * state.mean[half : half + count]
+        return np.asarray(x.reshape(len(x), -1, 2).sum(axis=1) @ state.layout.axes)
+
     def moves(self, times: FloatArray) -> FloatArray:
         """The predicted displacement of each fruit from its rest, without pushes.
 
