@@ -2,8 +2,10 @@
 
 import functools
 import math
+import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -66,7 +68,9 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
     other = None
     if cores() > 1:
         code = f"from {__name__} import compile_push_model as run; run()"
-        other = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.DEVNULL)
+        other = subprocess.Popen(
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL
+        )
     try:
         progress("compiling the kernels of arm and obstacles")
         task = resolve(replace(scene, objects=bare))
@@ -83,7 +87,10 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
 
 
 def compile_push_model() -> None:
-    """Compile the kernels of the push model, in and out, and of the search of ways."""
+    """Compile the kernels of the push model, in and out, and of the search of ways; until standard
+    input ends, with the process that asked for it."""
+    asker = threading.Thread(target=lambda: (sys.stdin.read(), os._exit(1)), daemon=True)
+    asker.start()
     task = resolve(load_scene(WARM_UP))
     model = task.push_model(task.robot.home)
     assert isinstance(model, Hanging)
