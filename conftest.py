@@ -147,6 +147,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         items.sort(key=lambda item: item.get_closest_marker("quick") is not None)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _no_entry_stays() -> Iterator[None]:
+    """While a process of an entry is there, orphans of other processes are children of this one."""
+    yield
+    if (serve := sys.modules.get("optipromp_bench.serve")) is not None:
+        serve.dismissed()
+
+
 @pytest.fixture(scope="session")
 def chromium() -> Iterator[Any]:
     """A browser that draws without a graphics card."""

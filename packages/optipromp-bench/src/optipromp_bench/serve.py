@@ -300,8 +300,6 @@ class Apart(Remote):
 
     def _start(self) -> None:
         unread()
-        prctl(SUBREAPER, 1)  # what outlives the entry's process becomes a child of this one
-        _known.update(_children())
         self._folder = tempfile.TemporaryDirectory(prefix="entry-", ignore_cleanup_errors=True)
         source, work = (Path(self._folder.name, name) for name in ("source", "work"))
         source.mkdir()
@@ -313,6 +311,9 @@ class Apart(Remote):
         theirs.set_inheritable(True)
         number, posix = theirs.fileno(), os.name == "posix"
         path = os.pathsep.join(str(Path(each).absolute()) for each in sys.path if each)
+        _running.add(id(self))
+        prctl(SUBREAPER, 1)  # what outlives the entry's process becomes a child of this one
+        _known.update(_children())
         self._process = subprocess.Popen(
             [sys.executable, "-m", "optipromp_bench.entrant", str(number), str(source)],
             stdin=subprocess.DEVNULL, stdout=2, cwd=work,
@@ -342,6 +343,8 @@ class Apart(Remote):
                     self._process.kill()
             self._process.wait()
             _bury()
+            _running.discard(id(self))
+            prctl(SUBREAPER, int(bool(_running)))  # orphans of others are not for this process
         if self._folder is not None:
             self._folder.cleanup()
         self._process = self._folder = None
@@ -353,6 +356,7 @@ def unread() -> None:
 
 
 _known = set[int]()  # children of this process that no entry left behind
+_running = set[int]()  # entries that have a process, by id()
 
 
 def _children() -> set[int]:

@@ -272,6 +272,17 @@ def test_before_a_reset_and_after_its_end_an_episode_goes_no_further() -> None:
         env.step(np.zeros(2 * COUNT))
 
 
+def test_several_at_once() -> None:
+    several = gymnasium.make_vec(
+        "optipromp/Pick-v0", num_envs=2, vectorization_mode="sync", presets=("cluster", "limp")
+    )
+    seen, _ = several.reset(seed=3)
+    assert len(seen["objects"]) == 2
+    _, reward, *_ = several.step(several.action_space.sample())
+    assert np.isfinite(reward).all()
+    several.close()
+
+
 def test_the_same_seed_and_actions_give_the_same_episode() -> None:
     runs = []
     for _ in range(2):
@@ -336,10 +347,16 @@ def test_the_arm_keeps_its_limits_whatever_is_asked() -> None:
 
 
 def test_one_action_is_a_primitive() -> None:
-    """The weights that are nearest to the planner's own path give that path."""
+    """The weights that are nearest to the planner's own path pick where the planner picks."""
     scene = generate("cluster", 61_000)
     weights = weights_of(plan(scene))
     assert np.abs(weights).max() < 1.0
+    env = PickProMPEnv()
+    seen, _ = env.reset(seed=0, options=SCENE)
+    assert env.observation_space.contains(seen)
+    _, _, terminated, truncated, info = env.step(weights.ravel())
+    assert (terminated, truncated) == (True, False)
+    assert info["is_success"], info["cause"]
     again = plan(scene, planner=OfWeights(weights=weights))
     assert np.abs(weights_of(again) - weights).max() < 0.25
     with pytest.raises(InvalidRequestError, match="must be"):
