@@ -20,7 +20,7 @@ from optipromp_sim.simulation import (
 )
 from optipromp_sim.simulation.detector import Truth
 
-scene = generate("cluster", 3)
+scene = generate("cluster", 2)
 sway = DisturbanceParameters(sway=0.01)  # [m]
 arm = SimulatedArm(scene, parameters=SimulationParameters(disturbance=sway))
 controller = Controller(scene)
