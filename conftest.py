@@ -40,7 +40,7 @@ LONG = {
         "simulate simulate_closed_loop"
     ),
     "execution": "executor franka streaming streaming_trouble trouble",
-    "experiments": "baselines cluster eyes loops own_scenes paper_falls study tables variations",
+    "experiments": "baselines cluster eyes loops own_scenes study tables variations",
     "fuzzing": "doors",
     "geometry": "grids",
     "judging": "against_coal_and_mujoco crowds planted",

@@ -213,6 +213,7 @@ def main() -> None:
             options.state.write_text(json.dumps(state, indent=1))
     print(table(state))
     print("inputs by commit:", state["commits"])
+    sys.exit(bool(state["wrong"]))
 
 
 if __name__ == "__main__":

@@ -61,7 +61,7 @@ def scenarios(
 def _shown(rows: Sequence["ScenarioRow"], out: Path | None) -> Shown:
     yield table_one(rows)
     yield reductions(rows)
-    yield "why our falls are not the paper's: docs/paper.md and scripts/paper_falls.py"
+    yield "why our falls are not the paper's: docs/paper.md"
     for row in rows:
         yield f"{row.case.key}, {row.case.title}: {row.plan.message}"
     if out is not None:
