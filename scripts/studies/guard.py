@@ -149,19 +149,18 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
         return policy(seen) * min(max(left - SLOWED, 0.0) / SLOWED, 1.0)
 
     agent = Driven(act, guard=guard)
-    rollout(agent, episode)
-    simulation, seconds = episode.simulation, round(episode.time, 2)
-    end = simulation.time
-    outcome = episode.outcome(out=False)
+    outcome, arena = rollout(agent, episode), episode.arena
+    seconds = round(episode.period * len(agent.actions), 2)
     row = {
         "result": outcome.result, "causes": " ".join(map(str, outcome.causes)), "seconds": seconds,
         "steps": len(agent.safe), "acted": sum(safe.acted for safe in agent.safe),
         "spent": (1e3 * np.quantile(agent.spent or [0.0], SHARES)).round(2).tolist(),
     }  # fmt: skip
-    if not (isinstance(simulation, Simulation) and isinstance(outcome, Outcome)):
+    if not (isinstance(arena, Simulation) and isinstance(outcome, Outcome)):
         return row, None
-    shown = situation.scene, episode.robot, simulation.parameters, seed
-    return row, Run(*shown, simulation.rollout(end), outcome, 0.0)
+    assert episode.records is not None
+    shown = situation.scene, episode.robot, arena.parameters, seed
+    return row, Run(*shown, episode.records, outcome, 0.0)
 
 
 def table(rows: Sequence[Mapping[str, Any]]) -> str:

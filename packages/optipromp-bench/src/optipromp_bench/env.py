@@ -285,7 +285,7 @@ class PickEnv(_Scenes):
         self._potential = potential
         if terminated or truncated:
             self._begun = False
-            outcome = episode.outcome(out=False)
+            outcome = episode.judged()
             assert isinstance(outcome, Outcome)
             info |= _told(outcome)
             reward += score(outcome)
@@ -293,8 +293,8 @@ class PickEnv(_Scenes):
 
     def _now(self) -> tuple[Simulation, FloatArray]:
         assert self.episode is not None
-        assert isinstance(self.episode.simulation, Simulation)
-        return self.episode.simulation, np.array(self.episode.simulation.data.qpos)
+        assert isinstance(self.episode.arena, Simulation)
+        return self.episode.arena, np.array(self.episode.arena.data.qpos)
 
     def close(self) -> None:
         """Give the renderers back."""
@@ -306,7 +306,7 @@ class PickEnv(_Scenes):
     def _worth(self) -> float:
         """The potential of the present state, up to a constant."""
         assert self.episode is not None
-        fruits, target = self.episode.simulation.fruits(), self.episode.situation.scene.target
+        fruits, target = self.episode.arena.fruits(), self.episode.situation.scene.target
         away, worth = 0.0, -HARM * min(self.episode.harm().worst, 1.0)
         if target is not None:
             point, _ = self.episode.robot.tool_pose(self.episode.state.q)
@@ -380,8 +380,8 @@ def _camera(episode: Episode, size: tuple[int, int], seed: int) -> Any:
 
     width, height = size
     small = PhotoParameters(width=width, height=height, focal=0.75 * width)
-    assert isinstance(episode.simulation, Simulation)
-    return LiveCamera(episode.simulation, "palm", seed, small)
+    assert isinstance(episode.arena, Simulation)
+    return LiveCamera(episode.arena, "palm", seed, small)
 
 
 class PickProMPEnv(_Scenes):

@@ -2,9 +2,9 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -27,7 +27,7 @@ from optipromp_loop.guard.motion import joints_for as joints_for
 from optipromp_sim.detection import turned
 from optipromp_sim.simulation import Detector, Eye, Outcome, Simulation
 from optipromp_sim.simulation.contacts import HarmSoFar
-from optipromp_sim.simulation.rollouts import Legs, Pick, Turn, rollout
+from optipromp_sim.simulation.rollouts import Agent, Arena, Pick, Turn
 from optipromp_sim.simulation.simulation import FruitStates
 from optipromp_sim.situations import Situation
 
@@ -172,6 +172,9 @@ class FlightWorld:
         fine, self.reference = motion.resample(1.0 / TICK), State(motion.positions[-1])
         return None, self._flight.along(fine.times, fine.positions)
 
+    def rollout(self) -> None:
+        """The records so far: there are none."""
+
     def outcome(self) -> "Word":
         """Stand still for a moment, and judge all that happened."""
         from optipromp_bench.flight import Word
@@ -186,13 +189,12 @@ ENGINES: tuple[Engine, ...] = ("arm", "flight")
 """``arm``: the whole arm with its controller; ``flight``: a cup in flight, a model of its own."""
 
 
-def arena_of(
-    engine: Engine, situation: Situation, seed: int, q: FloatArray | None = None
-) -> Simulation | FlightWorld:
-    """The world of an engine with the arm at ``q`` (n,); None: at the scene's start."""
-    if engine == "flight":
-        return FlightWorld(situation.scene, seed, q)
-    return Simulation(situation.scene, seed, situation.parameters, q=q)
+Made = Callable[[Situation, int, FloatArray | None], Arena["Outcome | Word"]]
+ARENAS: Mapping[Engine, Made] = {
+    "arm": lambda it, seed, q: Simulation(it.scene, seed, it.parameters, q=q),
+    "flight": lambda it, seed, q: FlightWorld(it.scene, seed, q),
+}
+"""Of a situation, a seed, and where the arm is (n,); None: at the scene's start."""
 
 
 class Episode(Pick["Outcome | Word"]):
@@ -208,13 +210,12 @@ class Episode(Pick["Outcome | Word"]):
         self, situation: Situation, seed: int = 0, rate: float = RATE,
         engine: Engine = "arm", longest: float | None = None,
     ) -> None:  # fmt: skip
-        own = arena_of(engine, situation, seed)
+        own = ARENAS[engine](situation, seed, None)
         count = 1.0 / (rate * own.tick)
         if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
             raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
         self.situation, self.seed, self.period = situation, seed, 1.0 / rate
         self.longest = longest or LONGEST
-        self.simulation: Simulation | FlightWorld = own
         self._held = dict[str, float]()
         eye = Eye(Detector(situation.scene, own.robot, situation.detector, seed))
         super().__init__(own, eye, situation.parameters.engine.settle, self.period)
@@ -226,7 +227,7 @@ class Episode(Pick["Outcome | Word"]):
     @property
     def robot(self) -> Robot:
         """With its tool."""
-        return self.simulation.robot
+        return self.arena.robot
 
     @property
     def scene(self) -> Scene:
@@ -264,10 +265,10 @@ class Episode(Pick["Outcome | Word"]):
         """What a policy knows now."""
         point, axis = self.robot.tool_pose(self.state.q)
         look = self._look
-        since = self.time if look is None else self.simulation.time - look.time
+        since = self.time if look is None else self.arena.time - look.time
         return Observation(
             self.time, self.state.q, self.state.velocity, point, axis, self._fruits, since,
-            self.simulation.wrench()[:3], self.taken is not None,
+            self.arena.wrench()[:3], self.taken is not None,
             None if look is None else replace(look, time=look.time - self.began),
         )  # fmt: skip
 
@@ -295,7 +296,7 @@ class Episode(Pick["Outcome | Word"]):
         """Move the arm by a turn, and count how long fruits are held."""
         super().lead(turn)
         if not isinstance(turn, Trajectory):
-            held = self.simulation.held()
+            held = self.arena.held()
             self._held = {name: self._held.get(name, 0.0) + self.period for name in held}
             self._learn()
 
@@ -309,16 +310,7 @@ class Episode(Pick["Outcome | Word"]):
         target = self.situation.scene.target
         kept = [name for name, t in self._held.items() if t >= HELD]
         others = len(kept) - (target is not None and target.id in kept)
-        return replace(self.simulation.harm(), swallowed=others)
-
-    def outcome(self, out: bool = True) -> "Outcome | Word":
-        """Stand still for a moment, and judge all that happened.
-
-        A target that is picked, and not ``out`` of the plant yet, leaves by :func:`as_it_came`.
-        """
-        if out and self.taken is None and self.judged().result == "clean":
-            rollout(Legs(as_it_came(self.robot, np.array(self.path))), self)
-        return self.judged()
+        return replace(self.arena.harm(), swallowed=others)
 
 
 class Driven:
@@ -376,6 +368,24 @@ def as_it_came(robot: Robot, q: FloatArray) -> Trajectory:
     """The way back along the last 10 cm of a tool's way, where it came by ``q`` (k, n)."""
     back = back_along(q, robot.tool_pose(q)[0], RETREAT)
     return path_back(robot, back, PUSH.hanging.speed)
+
+
+def leaving(agent: Agent[Any]) -> Agent[Any]:
+    """An agent that leaves :func:`as_it_came`, where it holds the target alone and has not left."""
+    left = False
+
+    def turn(pick: Pick[Any]) -> Turn | None:
+        nonlocal left
+        made = None if left else agent(pick)
+        if made is not None or left:
+            return made
+        left = True
+        if pick.taken is not None or pick.judged().result != "clean":
+            return None
+        pick.take()
+        return as_it_came(pick.arena.robot, np.array(pick.path))
+
+    return turn
 
 
 BRAKE = 0.9  # share of the acceleration limit that brakes before the end of a range: a choice

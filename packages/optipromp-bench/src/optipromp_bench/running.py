@@ -4,9 +4,9 @@ The entry sees a scene named :data:`NEUTRAL`, and a seed of its own: nothing fro
 scene, the physics or the looks could be drawn again.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -17,11 +17,11 @@ from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench import tracks
 from optipromp_bench.entrant import Motion
-from optipromp_bench.episode import ENGINES, Engine, Episode, arena_of, as_it_came
+from optipromp_bench.episode import ARENAS, ENGINES, Engine, Episode, as_it_came
 from optipromp_bench.experiments.eyes import aimed_at, drawn_camera, without_fruits
 from optipromp_bench.experiments.rows import Key, Row
 from optipromp_bench.flight import Word
-from optipromp_bench.serve import Apart, Entry, hired
+from optipromp_bench.serve import Apart, hired
 from optipromp_bench.sets import BITS, DEVELOPMENT, SHORT, drawn, scene_of
 from optipromp_sim.generate.plants import untold
 from optipromp_sim.simulation import Outcome
@@ -82,101 +82,87 @@ def attempted(task: Exercise) -> tuple[list[Row], Deeds]:
     """
     entry = hired(task.entry, task.track, task.patience, task.digest)
     setting, digest = situated(task)
-    seed = task.drawn("entry", SHORT)
-    if task.track == "policy":
-        return _by_policy(entry, task, setting, digest, seed)
-    assert isinstance(entry, Apart)
-    given = (setting.seen, seed)
-    if task.track == "picture":
-        known = replace(without_fruits(setting.scene), name=NEUTRAL)
-        shown = replace(setting.scene, camera=drawn_camera(setting.scene, task.drawn("camera")))
-        picture = photograph(shown, "beside", task.drawn("physics")).picture
-        given = (picture, known, seed)  # type: ignore[assignment]
-    try:
-        entry.begin()
-        motion = tracks.asked(lambda: entry.plan(*given), setting.seen)
-    except tracks.EntryError as error:
-        return _errors(task, digest, error), {}
-    motions = dict.fromkeys(task.engines, motion)
-    return executed_rows(task, setting, digest, motions), motions
-
-
-def executed_rows(task: Exercise, setting: Situation, digest: str, motions: Deeds) -> list[Row]:
-    """The rows of motions, each executed anew in its engine."""
-    rows = []
-    for engine, motion in motions.items():
-        row = _row(task, digest, engine, "refused", thought=motion.thought)
-        if motion.refused:
-            rows.append(replace(row, cause=tracks.words(motion.why)))
-        elif motion.actions is not None:
-            episode = Episode(setting, task.drawn("physics"), engine=engine)
-            tracks.replayed(motion, episode)
-            rows.append(_judged(row, episode.outcome(), episode.time))
-        else:
-            rows.append(_flown(row, task, setting, motion, engine))
-    return rows
-
-
-def _by_policy(
-    entry: Entry, task: Exercise, setting: Situation, digest: str, seed: int
-) -> tuple[list[Row], Deeds]:
-    """The rows of a policy, which acts anew in every engine."""
-    rows, motions = list[Row](), dict[Engine, tracks.Deed]()
-    for engine in task.engines:
-        episode = Episode(setting, task.drawn("physics"), engine=engine)
+    seed, rows, deeds = task.drawn("entry", SHORT), list[Row](), dict[Engine, tracks.Deed]()
+    if task.track != "policy":
+        assert isinstance(entry, Apart)
+        given = SHOWN[task.track](task, setting)
         try:
             entry.begin()
-            motion = tracks.acted(entry, episode, seed)
+            deed = tracks.asked(lambda: entry.plan(*given, seed), setting.seen)
         except tracks.EntryError as error:
-            rows += _errors(replace(task, engines=(engine,)), digest, error)
+            return [_row(task, digest, engine, error) for engine in task.engines], {}
+        deeds = dict.fromkeys(task.engines, deed)
+        return executed_rows(task, setting, digest, deeds), deeds
+    for engine in task.engines:
+        try:
+            entry.begin()
+            episode = Episode(setting, task.drawn("physics"), engine=engine)
+            deeds[engine], word = tracks.acted(entry, episode, seed)
+        except tracks.EntryError as error:
+            rows.append(_row(task, digest, engine, error))
             continue
-        motions[engine] = motion
-        row = _row(task, digest, engine, "missed", thought=motion.thought)
-        rows.append(_judged(row, episode.outcome(), episode.time))
-    return rows, motions
+        rows.append(_row(task, digest, engine, word, deeds[engine].thought, episode.time))
+    return rows, deeds
 
 
-def _flown(
-    row: Row, task: Exercise, setting: Situation, motion: tracks.Deed, engine: Engine
+def _pictured(task: Exercise, setting: Situation) -> tuple[Any, ...]:
+    """A picture, and the scene as known before it."""
+    shown = replace(setting.scene, camera=drawn_camera(setting.scene, task.drawn("camera")))
+    picture = photograph(shown, "beside", task.drawn("physics")).picture
+    return picture, replace(without_fruits(setting.scene), name=NEUTRAL)
+
+
+SHOWN: Mapping[tracks.Track, Callable[[Exercise, Situation], tuple[Any, ...]]] = {
+    "plan": lambda _, setting: (setting.seen,),
+    "picture": _pictured,
+}
+"""What an entry of each track that plans is shown, before its seed."""
+
+
+def executed_rows(task: Exercise, setting: Situation, digest: str, deeds: Deeds) -> list[Row]:
+    """The rows of motions, each executed anew in its engine."""
+    return [_executed(task, setting, digest, engine, deed) for engine, deed in deeds.items()]
+
+
+def _executed(
+    task: Exercise, setting: Situation, digest: str, engine: Engine, deed: tracks.Deed
 ) -> Row:
-    assert motion.trajectory is not None
-    seed, reach, truth = task.drawn("physics"), motion.trajectory, setting.scene
-    if task.track == "picture":  # the target is the ripe fruit nearest to the tool at the end
-        point, _ = posed(truth)[0].tool_pose(motion.trajectory.positions[-1])
-        ripe = [item.id for item in truth.objects if item.role == "target"]
-        truth = aimed_at(truth, ripe, np.asarray(point))
+    seed, reach = task.drawn("physics"), deed.trajectory
+    if deed.actions is not None:
+        episode = Episode(setting, seed, engine=engine)
+        word = rollout(tracks.replay(deed.actions), episode)
+        return _row(task, digest, engine, word, deed.thought, episode.time)
+    if reach is None:
+        return _row(task, digest, engine, deed.why, deed.thought)
     try:
-        back = motion.back or as_it_came(posed(truth)[0], reach.positions)
-        arena = arena_of(engine, setting._replace(scene=truth), seed, reach.positions[0])
-        pick: Pick[Outcome | Word] = Pick(arena)
-        rollout(Legs(reach, back), pick)
+        truth, robot = setting.scene, posed(setting.scene)[0]
+        if task.track == "picture":  # the target is the ripe fruit nearest to the tool at the end
+            point, _ = robot.tool_pose(reach.positions[-1])
+            ripe = [item.id for item in truth.objects if item.role == "target"]
+            truth = aimed_at(truth, ripe, np.asarray(point))
+        back = deed.back or as_it_came(robot, reach.positions)
+        arena = ARENAS[engine](setting._replace(scene=truth), seed, reach.positions[0])
+        word = rollout(Legs(reach, back), Pick(arena))
     except (OptiPrompError, RuntimeError, ValueError) as error:
-        return replace(row, result="error", cause=tracks.words(str(error)))
-    return _judged(row, pick.judged(), reach.duration + back.duration)
-
-
-def _judged(row: Row, outcome: Outcome | Word, duration: float) -> Row:
-    """A row with the word of an engine; harm counts before success."""
-    between = "; " if isinstance(outcome, Word) else " "
-    return replace(
-        row, result=outcome.result, picked=bool(outcome.picked),
-        cause=tracks.words(between.join(outcome.causes)),
-        force=round(float(outcome.unripe_peak_force), 3), duration=round(duration, 4),
-    )  # fmt: skip
+        return _row(task, digest, engine, error, deed.thought)
+    return _row(task, digest, engine, word, deed.thought, reach.duration + back.duration)
 
 
 def _row(
-    task: Exercise, digest: str, engine: str, result: str, thought: float = 0.0, cause: str = ""
-) -> Row:
-    """What became of one scene in one engine, with nothing executed yet."""
-    return Row(
-        task.preset, task.seed, engine=engine, result=result, cause=cause, picked=False,
-        digest=digest, thought=thought,
+    task: Exercise, digest: str, engine: str, told: Outcome | Word | Exception | str,
+    thought: float = 0.0, duration: float = 0.0,
+) -> Row:  # fmt: skip
+    """What became of one scene in one engine: a judgement, an error, or why it is refused."""
+    row = Row(task.preset, task.seed, engine=engine, picked=False, digest=digest, thought=thought)
+    if isinstance(told, str | Exception):
+        result = "refused" if isinstance(told, str) else "error"
+        return replace(row, result=result, cause=tracks.words(str(told)))
+    between = "; " if isinstance(told, Word) else " "
+    return replace(
+        row, result=told.result, picked=bool(told.picked),
+        cause=tracks.words(between.join(told.causes)),
+        force=round(float(told.unripe_peak_force), 3), duration=round(duration, 4),
     )  # fmt: skip
-
-
-def _errors(task: Exercise, digest: str, error: tracks.EntryError) -> list[Row]:
-    return [_row(task, digest, e, "error", cause=tracks.words(str(error))) for e in task.engines]
 
 
 def rows_and_arrays(task: Exercise) -> tuple[list[Row], dict[str, FloatArray]]:

@@ -17,7 +17,7 @@ motion is all that an entry did, so both engines execute it, and ``bench verify`
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, Protocol
 
 import numpy as np
 
@@ -30,8 +30,10 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import CURVE, Trajectory
 from optipromp_bench.entrant import Motion, Refused, motion_of
-from optipromp_bench.episode import LONGEST, Driven, Episode, Observation
-from optipromp_sim.simulation.rollouts import Turn, rollout
+from optipromp_bench.episode import LONGEST, Driven, Episode, Observation, leaving
+from optipromp_bench.flight import Word
+from optipromp_sim.simulation import Outcome
+from optipromp_sim.simulation.rollouts import Agent, Turn, rollout
 
 MOTION = 60.0  # [s] of a motion: a choice; plans take 4 to 12 s
 ROWS = 100_000  # of a motion: a choice; a millisecond apart, 60 s have 60,000
@@ -195,34 +197,36 @@ def against(trajectory: Trajectory, scene: Scene, begins: FloatArray | None = No
     )
 
 
-def acted(policy: Acting, episode: Episode, seed: int) -> Deed:
-    """Let a policy act until the episode is over. Raises EntryError where it gave no velocities."""
+def acted(policy: Acting, episode: Episode, seed: int) -> tuple[Deed, Outcome | Word]:
+    """Let a policy act until the episode is over, and judge it.
+
+    Raises EntryError where the policy gave no velocities.
+    """
     policy.reset(episode.scene, seed)
     agent = Driven(policy.act, getattr(policy, "leaves", False))
     try:
-        rollout(agent, episode)
+        word = rollout(leaving(agent), episode)
     except EntryError:
         raise
     except InvalidRequestError as error:
         raise EntryError(error.message) from None
     actions = np.array(agent.actions).reshape(-1, episode.robot.n_joints)
-    return Deed(actions=frozen(actions), thought=float(np.median(agent.times or [0.0])))
+    return Deed(actions=frozen(actions), thought=float(np.median(agent.times or [0.0]))), word
 
 
-def replayed(motion: Deed, episode: Episode) -> None:
-    """The episode once more, with the actions that a policy took."""
-    actions = cast(FloatArray, motion.actions)
+def replay(actions: FloatArray) -> Agent[Episode]:
+    """An agent that takes the actions (k, n) that a policy took."""
     left = iter(actions)
 
     def again(episode: Episode) -> Turn | None:
-        velocity = next(left, None)
+        velocity, why = next(left, None), ""
         if velocity is not None and episode.over(leaving=True):
-            raise InvalidRequestError(
-                f"{len(actions)} actions; the episode is over after {len(episode.path) - 1}, and "
-                f"lasts {LONGEST:g} s at most"
-            )
+            lasts = f"after {len(episode.path) - 1}, and lasts {LONGEST:g} s at most"
+            why = f"the episode is over {lasts}"
+        elif velocity is None and not episode.over(leaving=False):
+            why = "after them the episode goes on"
+        if why:
+            raise InvalidRequestError(f"{len(actions)} actions; {why}")
         return None if velocity is None else episode.toward(velocity)
 
-    rollout(again, episode)
-    if not episode.over(leaving=False):
-        raise InvalidRequestError(f"{len(actions)} actions, after which the episode goes on")
+    return leaving(again)

@@ -147,7 +147,7 @@ def test_returns_are_ordered_as_the_score_is(monkeypatch: pytest.MonkeyPatch) ->
             assert HELD < 0.02 * count < LONGEST - 1.0
             assert info["harm"] >= 1.0
             assert env.episode.harm().swallowed == 1
-            assert len(env.episode.outcome().swallowed_others) == 1
+            assert len(env.episode.judged().swallowed_others) == 1
     assert returns["ours"] > returns["still"] > max(returns["up"], returns["through"])
 
 
@@ -161,7 +161,7 @@ def test_a_swallowed_neighbour_ends_an_episode_of_the_flying_cup_too() -> None:
     harm = episode.harm()
     assert harm.swallowed == 1
     assert harm.done
-    outcome = episode.outcome()
+    outcome = episode.judged()
     assert isinstance(outcome, Word)
     assert len(outcome.swallowed) == 1
     assert score(outcome) == -1

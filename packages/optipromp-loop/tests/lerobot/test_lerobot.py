@@ -157,7 +157,7 @@ def test_the_policy_picks_with_an_arm_of_a_description(arm: str) -> None:
     while not (episode.done or episode.ended):
         seen = batch_of(episode.state.q, episode.observe().look, episode.time)
         episode.act(policy.select_action(seen).numpy()[0].astype(np.float64))
-    assert episode.outcome(out=False).result == "clean", policy.controller.history
+    assert episode.judged().result == "clean", policy.controller.history
 
 
 @pytest.mark.parametrize("arm", ["panda", "xarm7", "so101"])

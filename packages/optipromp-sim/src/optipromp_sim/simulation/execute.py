@@ -174,9 +174,8 @@ def simulate(
         scene, seed, parameters, robot=robot, q=motions[0].positions[0], record_rate=record_rate
     )
     pick = Pick(simulation)
-    rollout(Legs(*motions), pick)
-    assert pick.records is not None
-    records, outcome = pick.records, pick.judged()
+    outcome, records = rollout(Legs(*motions), pick), pick.records
+    assert records is not None
     if picked is not None:
         outcome = _placed(picked, records, outcome, parameters.thresholds.placed, failed_leg)
     return Run(scene, robot, parameters, seed, records, outcome, time.perf_counter() - began)
@@ -218,15 +217,14 @@ def _placed(
 
 
 def bring(
-    simulation: Simulation, pick: Pick[Outcome], controller: Controller, done: Rollout
+    simulation: Simulation, pick: Pick[Outcome], controller: Controller
 ) -> tuple[Rollout, Outcome, Picked | None]:
     """The carry after a pick in closed loop, planned from where the arm is by then.
 
-    ``done``: records of the pick.
-
     Returns: Records and judgement of the whole, and the pick with this carry; None without one.
     """
-    outcome, place = pick.judged(), controller.scene.place
+    outcome, done, place = pick.judged(), pick.records, controller.scene.place
+    assert done is not None
     if place is None or not (outcome.success and controller.holding):
         return done, replace(outcome, placed=None if place is None else False), None
     legs = controller.picks[-1].legs
@@ -237,9 +235,9 @@ def bring(
         return done, _unplaced(outcome, f"no way to the place: {error.message}"), None
     p, reach = simulation.parameters, replace(legs[REACH], status=Code.SUCCESS)  # it is executed
     picked = Picked({REACH: reach, CARRY: made})
-    rollout(Legs(*(leg.slowed(1.0 / p.control.speed) for leg in _after(picked, False))), pick)
-    records = pick.records or done
-    outcome = _placed(picked, records, pick.judged(), p.thresholds.placed, False)
+    ways = (leg.slowed(1.0 / p.control.speed) for leg in _after(picked, False))
+    outcome, records = rollout(Legs(*ways), pick), pick.records or done
+    outcome = _placed(picked, records, outcome, p.thresholds.placed, False)
     return records, outcome, Picked({**legs, CARRY: made})
 
 
@@ -380,8 +378,7 @@ def closed_loop(simulation: Simulation, controller: Controller, eye: Eye) -> Loo
     agent, p = Controlled(controller), simulation.parameters
     pick = Pick(simulation, eye, p.engine.settle, controller.parameters.period)
     rollout(agent, pick)
-    records = simulation.rollout(simulation.time)
-    records, outcome, picked = bring(simulation, pick, controller, records)
+    records, outcome, picked = bring(simulation, pick, controller)
     run = Run(
         simulation.scene, simulation.robot, p, simulation.seed, records, outcome,
         time.perf_counter() - began,

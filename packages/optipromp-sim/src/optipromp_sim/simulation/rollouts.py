@@ -1,4 +1,4 @@
-"""``rollout``: an agent moves an arm, turn by turn, until it has nothing more to do.
+"""``rollout``: an agent moves an arm, turn by turn, until it has nothing more to do; it is judged.
 
 A turn is a few references, or a whole curve. *Agents* are the :class:`Legs` of a plan, a controller
 (:class:`optipromp_sim.simulation.execute.Controlled`) and, in the benchmark, a policy, alone or
@@ -59,6 +59,7 @@ class Arena(Protocol[W_co]):
     def wrench(self) -> FloatArray: ...
     def harm(self) -> HarmSoFar: ...
     def grip(self) -> None: ...
+    def rollout(self) -> Rollout | None: ...
     def outcome(self) -> W_co: ...
 
 
@@ -78,7 +79,8 @@ class Pick(Generic[W]):
         looks: that came since the turn before.
         path: (n,) reference at the end of each turn.
         taken: (3,) the tool point where the target was cut off; None: it was not.
-        records, word: of the last curve; None: references came after it.
+        records, word: of all that was judged last; None: nothing is judged, or references came
+            after it, or the arena has no records.
     """
 
     def __init__(
@@ -141,12 +143,11 @@ class Pick(Generic[W]):
     def judged(self) -> W:
         """Stand still for a moment, as after a curve, and judge all that happened."""
         if self.word is None:
-            self.word = self.arena.outcome()
+            self.records, self.word = self.arena.rollout(), self.arena.outcome()
         return self.word
 
 
 P_contra = TypeVar("P_contra", bound=Pick[Any], contravariant=True)
-P = TypeVar("P", bound=Pick[Any])
 
 
 class Agent(Protocol[P_contra]):
@@ -173,7 +174,11 @@ class Legs:
         return self._left.pop(0)
 
 
-def rollout(agent: Agent[P], pick: P) -> None:
-    """Let an agent move the arm until it has nothing more to do, or the physics break down."""
+def rollout(agent: Agent[Any], pick: Pick[W]) -> W:
+    """Let an agent move the arm until it has nothing more to do, or the physics break down.
+
+    Returns: The judgement of all that happened.
+    """
     while not pick.broken and (turn := agent(pick)) is not None:
         pick.lead(turn)
+    return pick.judged()
