@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from garden_meshes import bowed, frame, fruit_mesh, green, leaf_mesh, slab, smooth, tube, unit
+from garden_meshes import bowed, frame, fruit_mesh, green, leaf_mesh, slab, smooth, spin, tube, unit
 from scipy.ndimage import gaussian_filter, map_coordinates
 from scipy.spatial import ConvexHull
 
@@ -27,6 +27,10 @@ KINDS = "none", "ripe", "unripe", "calyx", "stem", "leaf", "static"
 SCALE = 1200.0  # [pixel/m] at which the network sees a fruit of 17 mm
 WIDE, HIGH = 640, 480  # [pixel] of the camera
 MOST = 1.6  # largest factor by which a picture grows
+DYES = np.array([
+    [0.5, 0.02, 0.02], [0.55, 0.15, 0.02], [0.05, 0.1, 0.5], [0.1, 0.4, 0.1], [0.6, 0.5, 0.05]
+])  # fmt: skip
+ATTRIBUTES = "rough", "color"  # of the mesh's corners
 
 
 class Item(NamedTuple):
@@ -106,12 +110,8 @@ class Garden:
             mesh = slab(size, 20)
             self.top = rng.uniform(0.02, 0.12)
             back = 0.5 * size[1] + self.gutter_y
-            self.add(
-                "static",
-                mesh,
-                self._textured(mesh[0], colour),
-                at=[0, back, self.top - 0.5 * size[2] + 0.02],
-            )
+            place = [0, back, self.top - 0.5 * size[2] + 0.02]
+            self.add("static", mesh, self._textured(mesh[0], colour), at=place)
         else:
             self.top = rng.uniform(0.03, 0.2)
         if self.layout == "bed":
@@ -123,40 +123,25 @@ class Garden:
         rng = self.rng
         ripeness = rng.uniform(0.68, 1.0) if rng.random() < 0.42 else rng.uniform(0.0, 0.42)
         kind = "ripe" if ripeness > 0.5 else "unripe"
-        radius = (
-            radius
-            * math.exp(0.12 * rng.standard_normal())
-            * (1.0 if ripeness > 0.5 else rng.uniform(0.6, 1.0))
-        )
-        longer = (
-            rng.choice([1.05, 1.15, 1.25, 1.4, 1.7])
-            if self.crop == "strawberry"
-            else rng.uniform(0.85, 1.1)
-        )
-        half = radius * longer
+        radius = radius * math.exp(0.12 * rng.standard_normal())
+        radius = radius * (1.0 if ripeness > 0.5 else rng.uniform(0.6, 1.0))
+        if self.crop == "strawberry":
+            half = radius * rng.choice([1.05, 1.15, 1.25, 1.4, 1.7])
+        else:
+            half = radius * rng.uniform(0.85, 1.1)
         thick = rng.uniform(0.0007, 0.0028)
         bow = rng.uniform(-0.25, 0.25) if rng.random() < 0.7 else rng.uniform(-0.6, 0.6)
         lean = unit(root - at + 0.15 * np.linalg.norm(root - at) * rng.standard_normal(3))
         axis = unit(lean + 0.2 * rng.standard_normal(3))
         number = len(self.fruits) + 1
         turn = frame(axis)
-        points, faces, colours = fruit_mesh(rng, ripeness, self.crop, radius, half)
-        self.add(
-            kind,
-            (points, faces),
-            colours,
-            at=at,
-            turn=turn,
-            fruit=number,
-            rough=rng.uniform(0.08, 0.45),
-        )
+        *mesh, colours = fruit_mesh(rng, ripeness, self.crop, radius, half)
+        rough = rng.uniform(0.08, 0.45)
+        self.add(kind, mesh, colours, at=at, turn=turn, fruit=number, rough=rough)
         neck = at + axis * half * 0.97
         line = bowed(neck, root, rng, bow)
-        colour = (
-            green(rng)
-            if rng.random() < 0.8
-            else np.array([0.35, 0.15, 0.06]) * rng.uniform(0.5, 1.4)
-        )
+        brown = rng.random() >= 0.8
+        colour = np.array([0.35, 0.15, 0.06]) * rng.uniform(0.5, 1.4) if brown else green(rng)
         mesh = tube(line, thick * np.linspace(1.0, 1.15, len(line)))
         self.add("stem", mesh, self._textured(mesh[0], colour), fruit=number)
         self._calyx(neck, turn, radius)
@@ -170,18 +155,13 @@ class Garden:
             points, faces, colours = leaf_mesh(rng, long * rng.uniform(0.7, 1.2))
             points = points * [1.0, 0.55, 1.0]
             a = 2 * np.pi * (k + 0.3 * rng.standard_normal()) / count
-            spin = np.array(
-                [[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]]
-            )
             c, s = math.cos(drop), math.sin(drop)
             tip = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
-            self.add("calyx", (points, faces), colours, at=neck, turn=turn @ spin @ tip)
+            self.add("calyx", (points, faces), colours, at=neck, turn=turn @ spin(a) @ tip)
 
     def _plants(self) -> None:
         rng = self.rng
-        radius = (
-            rng.uniform(0.012, 0.022) if self.crop == "strawberry" else rng.uniform(0.012, 0.034)
-        )
+        radius = rng.uniform(0.012, 0.022 if self.crop == "strawberry" else 0.034)
         clusters = int(rng.integers(1, 4))
         for c in range(clusters):
             x = 0.0 if c == 0 else rng.uniform(-0.25, 0.25)
@@ -195,10 +175,8 @@ class Garden:
                     at = np.array([x, deep, 0.0]) + rng.standard_normal(3) * spread
                     if self.layout == "bed":
                         at[2] = -0.03 + radius
-                    if (
-                        all(np.linalg.norm(at - t) > radius * 2.05 for t in taken)
-                        and at[2] < self.top - 0.01
-                    ):
+                    apart = all(np.linalg.norm(at - t) > radius * 2.05 for t in taken)
+                    if apart and at[2] < self.top - 0.01:
                         break
                 else:
                     continue
@@ -207,19 +185,13 @@ class Garden:
                 if self.layout == "truss" and rng.random() < 0.7:
                     root = np.array([x, deep, at[2] + rng.uniform(0.02, 0.05)])
                 if self.layout == "lab":
-                    root = at + np.array(
-                        [rng.normal(0, 0.02), rng.normal(0, 0.01), rng.uniform(0.06, 0.25)]
-                    )
+                    root = at + [*rng.normal(0, [0.02, 0.01]), rng.uniform(0.06, 0.25)]
                 if self.layout == "bed":
-                    root = at + np.array([*rng.normal(0, 0.06, 2), rng.uniform(0.0, 0.05)])
+                    root = at + [*rng.normal(0, 0.06, 2), rng.uniform(0.0, 0.05)]
                 self._fruit(at, root, radius)
             if self.layout == "truss":  # the rachis
-                line = bowed(
-                    joint + [0, 0, 0.1],
-                    np.array([x, deep, -3 * radius]),
-                    rng,
-                    rng.uniform(-0.1, 0.1),
-                )
+                low = np.array([x, deep, -3 * radius])
+                line = bowed(joint + [0, 0, 0.1], low, rng, rng.uniform(-0.1, 0.1))
                 mesh = tube(line, rng.uniform(0.0015, 0.004))
                 self.add("stem", mesh, self._textured(mesh[0], green(rng)))
 
@@ -227,12 +199,10 @@ class Garden:
         rng = self.rng
         lush = rng.random() ** 1.5
         for _ in range(int(lush * 60)):  # behind and about
-            at = np.array([rng.uniform(-0.5, 0.5), rng.uniform(0.05, 0.5), rng.uniform(-0.3, 0.35)])
+            at = rng.uniform([-0.5, 0.05, -0.3], [0.5, 0.5, 0.35])
             self._leaf(at, rng.uniform(0.03, 0.12))
         for _ in range(int(rng.integers(0, 4))):  # before
-            at = np.array(
-                [rng.uniform(-0.12, 0.12), rng.uniform(-0.12, 0.0), rng.uniform(-0.08, 0.12)]
-            )
+            at = rng.uniform([-0.12, -0.12, -0.08], [0.12, 0.0, 0.12])
             self._leaf(at, rng.uniform(0.015, 0.06))
         for _ in range(int(rng.integers(0, 7))):  # petioles, runners
             begin = np.array([rng.uniform(-0.3, 0.3), rng.uniform(-0.06, 0.2), self.top + 0.05])
@@ -245,17 +215,11 @@ class Garden:
         turn = self.turned()
         for a in (-1.2, 0.0, 1.2) if rng.random() < 0.6 else (0.0,):
             points, faces, colours = leaf_mesh(rng, size)
-            spin = np.array(
-                [[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]]
-            )
-            self.add("leaf", (points, faces), colours, at=at, turn=turn @ spin, rough=0.4)
+            self.add("leaf", (points, faces), colours, at=at, turn=turn @ spin(a), rough=0.4)
 
     def _near(self) -> np.ndarray:
         """A place among the fruits."""
-        rng = self.rng
-        return np.array(
-            [rng.uniform(-0.15, 0.15), rng.uniform(-0.06, 0.12), rng.uniform(-0.12, 0.12)]
-        )
+        return self.rng.uniform([-0.15, -0.06, -0.12], [0.15, 0.12, 0.12])
 
     def _things(self) -> None:
         """What is no fruit: hands, tape, flowers, pipes, balls of other colours."""
@@ -263,47 +227,28 @@ class Garden:
         if rng.random() < 0.18:
             self._hand()
         for _ in range(int(rng.integers(0, 3)) if rng.random() < 0.3 else 0):  # tape, labels
-            dye = [
-                [0.5, 0.02, 0.02],
-                [0.55, 0.15, 0.02],
-                [0.05, 0.1, 0.5],
-                [0.1, 0.4, 0.1],
-                [0.6, 0.5, 0.05],
-            ]
-            colour = np.array(dye[rng.integers(5)]) * rng.uniform(0.5, 1.4)
+            colour = DYES[rng.integers(5)] * rng.uniform(0.5, 1.4)
             mesh = slab(np.array([rng.uniform(0.02, 0.15), 0.001, rng.uniform(0.01, 0.05)]), 4)
-            self.add(
-                "none",
-                mesh,
-                colour,
-                at=self._near() + [0, 0.04, 0],
-                turn=frame(rng.standard_normal(3) * 0.3 + [0, 0, 1.0]),
-            )
+            at = self._near() + [0, 0.04, 0]
+            turn = frame(rng.standard_normal(3) * 0.3 + [0, 0, 1.0])
+            self.add("none", mesh, colour, at=at, turn=turn)
         for _ in range(int(rng.integers(0, 5)) if rng.random() < 0.35 else 0):
             self._flower()
         if rng.random() < 0.25:  # pipes, posts, cables, red ones among them
             begin = self._near() + [0, 0.08, 0]
             way = unit(rng.standard_normal(3)) * 0.6
-            colour = (
-                np.array([0.5, 0.02, 0.02]) if rng.random() < 0.3 else rng.uniform(0.02, 0.8, 3)
-            )
+            colour = DYES[0] if rng.random() < 0.3 else rng.uniform(0.02, 0.8, 3)
             mesh = tube(np.linspace(begin - way, begin + way, 4), rng.uniform(0.002, 0.02), 14)
             self.add("none", mesh, colour)
         if rng.random() < 0.12:  # a cup or finger of a gripper
-            mesh = tube(
-                np.linspace([0, -0.2, -0.12], self._near() - [0, 0.03, 0.05], 4),
-                rng.uniform(0.01, 0.03),
-                16,
-            )
+            line = np.linspace([0, -0.2, -0.12], self._near() - [0, 0.03, 0.05], 4)
+            mesh = tube(line, rng.uniform(0.01, 0.03), 16)
             self.add("static", mesh, rng.uniform(0.02, 0.8, 3))
 
     def _hand(self) -> None:
         rng = self.rng
-        tone = (
-            np.array([0.55, 0.28, 0.18])
-            * rng.uniform(0.12, 1.3)
-            * [1.0, rng.uniform(0.85, 1.15), rng.uniform(0.8, 1.2)]
-        )
+        tone = np.array([0.55, 0.28, 0.18]) * rng.uniform(0.12, 1.3)
+        tone = tone * [1.0, rng.uniform(0.85, 1.15), rng.uniform(0.8, 1.2)]
         palm = self._near() + [0, 0.03, -0.02]
         arm = palm + unit(rng.standard_normal(3) + [0, -0.5, -1.0]) * 0.4
         parts = [(np.linspace(palm, arm, 6), np.linspace(0.035, 0.045, 6))]
@@ -313,12 +258,8 @@ class Garden:
             root = palm + aside * 0.018 * (k - 2)
             mid = root + 0.04 * unit(ahead + 0.3 * rng.standard_normal(3))
             tip = mid + 0.04 * unit(ahead + 0.8 * rng.standard_normal(3))
-            parts.append(
-                (
-                    np.array([root, mid, 0.5 * (mid + tip), tip]),
-                    np.array([0.0095, 0.009, 0.008, 0.005]),
-                )
-            )
+            line = np.array([root, mid, 0.5 * (mid + tip), tip])
+            parts.append((line, np.array([0.0095, 0.009, 0.008, 0.005])))
         for line, radius in parts:
             mesh = tube(line, radius, 16)
             colours = self._textured(mesh[0], tone)
@@ -330,16 +271,8 @@ class Garden:
         for k in range(5):
             points, faces, _ = leaf_mesh(rng, rng.uniform(0.007, 0.013))
             a = 2 * np.pi * k / 5
-            spin = np.array(
-                [[math.cos(a), -math.sin(a), 0], [math.sin(a), math.cos(a), 0], [0, 0, 1]]
-            )
-            self.add(
-                "none",
-                (points * [1.0, 1.8, 1.0], faces),
-                np.full(3, rng.uniform(0.7, 0.9)),
-                at=at,
-                turn=turn @ spin,
-            )
+            petal, white = (points * [1.0, 1.8, 1.0], faces), np.full(3, rng.uniform(0.7, 0.9))
+            self.add("none", petal, white, at=at, turn=turn @ spin(a))
         points, faces, _ = fruit_mesh(rng, 0.0, "tomato", 0.004, 0.002)
         self.add("none", (points, faces), np.array([0.6, 0.45, 0.05]), at=at, turn=turn)
 
@@ -354,21 +287,15 @@ def lens(rng: np.random.Generator, garden: Garden) -> tuple[np.ndarray, np.ndarr
     back = np.array(
         [math.sin(yaw) * math.cos(pitch), -math.cos(yaw) * math.cos(pitch), math.sin(pitch)]
     )
-    chosen = (
-        garden.fruits[rng.integers(len(garden.fruits))].center
-        if rng.random() < 0.8
-        else np.zeros(3)
-    )
+    some = rng.random() < 0.8
+    chosen = garden.fruits[rng.integers(len(garden.fruits))].center if some else np.zeros(3)
     aim = chosen + rng.standard_normal(3) * 0.25 * away * np.array([320 / focal, 0.1, 240 / focal])
     place = aim + away * back
     forward = unit(aim - place)
     right = unit(np.cross(forward, [0.0, 0.0, 1.0]))
     roll = rng.normal(0.0, 0.12)
-    down = np.cross(forward, right)
-    right, down = (
-        math.cos(roll) * right + math.sin(roll) * down,
-        math.cos(roll) * down - math.sin(roll) * right,
-    )
+    c, s, down = math.cos(roll), math.sin(roll), np.cross(forward, right)
+    right, down = c * right + s * down, c * down - s * right
     depths = [(f.center - place) @ forward for f in garden.fruits]
     depths = [d for d in depths if d > 0.05] or [away]
     return place, np.column_stack([right, down, forward]), focal, float(np.percentile(depths, 35))
@@ -427,18 +354,12 @@ def drawn(seed: int, native: bool = False) -> dict[str, np.ndarray]:
     which = np.where(np.array(hit.is_valid()), owner[rows_hit], len(garden.items))
     which = which.reshape(height, width)
     kinds = np.array([KINDS.index(item.kind) for item in garden.items] + [0], dtype=np.uint8)[which]
-    fruit = np.array(
-        [item.fruit if item.kind in ("ripe", "unripe") else 0 for item in garden.items] + [0],
-        dtype=np.uint8,
-    )[which]
-    stems = np.array(
-        [item.fruit if item.kind == "stem" else 0 for item in garden.items] + [0], dtype=np.uint8
-    )[which]
-    whole = {
-        i.fruit: outline((i.points - place) @ axes, f)
-        for i in garden.items
-        if i.fruit and i.kind in KINDS[1:3]
-    }
+    fruit, stems = (
+        np.array([i.fruit * (i.kind in of) for i in garden.items] + [0], dtype=np.uint8)[which]
+        for of in (KINDS[1:3], ("stem",))
+    )
+    balls = (i for i in garden.items if i.fruit and i.kind in KINDS[1:3])
+    whole = {i.fruit: outline((i.points - place) @ axes, f) for i in balls}
     rgb = developed(light, rng)
     stereo = StereoParameters(
         baseline=0.018 * math.exp(rng.uniform(0.0, 1.2)), subpixel=rng.uniform(0.04, 0.12),
@@ -490,17 +411,11 @@ def _mesh(mi: Any, items: list[Item]) -> Any:
         "color": np.concatenate([item.colours for item in items]),
     }
     props = mi.Properties()
-    props["mesh_bsdf"] = mi.load_dict(
-        {
-            "type": "twosided",
-            "nested": {
-                "type": "principled",
-                "specular": 0.45,
-                "roughness": {"type": "mesh_attribute", "name": "vertex_rough"},
-                "base_color": {"type": "mesh_attribute", "name": "vertex_color"},
-            },
-        }
-    )
+    rougher, coloured = ({"type": "mesh_attribute", "name": f"vertex_{k}"} for k in ATTRIBUTES)
+    skin = {
+        "type": "principled", "specular": 0.45, "roughness": rougher, "base_color": coloured
+    }  # fmt: skip
+    props["mesh_bsdf"] = mi.load_dict({"type": "twosided", "nested": skin})
     mesh = mi.Mesh("all", len(rough), len(arrays["faces"]), props=props)
     flat = np.ascontiguousarray(arrays["color"], dtype=np.float32).ravel()
     mesh.add_attribute("vertex_color", 3, flat)
@@ -523,13 +438,8 @@ def _lights(mi: Any, rng: np.random.Generator) -> dict[str, Any]:
     elif chance < 0.12:  # warm or red
         tint = np.array([1.0, rng.uniform(0.3, 0.8), rng.uniform(0.15, 0.6)])
     sky = sky * tint * np.exp(0.1 * smooth(rng, (16, 32, 3), 3.0))
-    out: dict[str, Any] = {
-        "sky": {
-            "type": "envmap",
-            "bitmap": mi.Bitmap(sky.astype(np.float32)),
-            "scale": float(rng.uniform(0.2, 1.0)),
-        }
-    }
+    bitmap, scale = mi.Bitmap(sky.astype(np.float32)), float(rng.uniform(0.2, 1.0))
+    out: dict[str, Any] = {"sky": {"type": "envmap", "bitmap": bitmap, "scale": scale}}
     way = rng.standard_normal(3)
     way[1], way[2] = abs(way[1]) * rng.choice([1, 1, -1]), -abs(way[2]) - 0.2
     bright = rng.uniform(0.5, 4.0) if rng.random() < 0.6 else 1e-3
@@ -571,13 +481,9 @@ def grown(held: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     near = tuple(np.rint(a).astype(int) for a in at)
     out = dict(held)
     out["focal"] = held["focal"] * height / held["depth"].shape[0]
-    out["rgb"] = np.stack(
-        [
-            map_coordinates(held["rgb"][..., c].astype(float), at, order=1, mode="nearest")
-            for c in range(3)
-        ],
-        axis=-1,
-    ).astype(np.uint8)
+    planes = np.moveaxis(held["rgb"].astype(float), -1, 0)
+    drawn = [map_coordinates(plane, at, order=1, mode="nearest") for plane in planes]
+    out["rgb"] = np.stack(drawn, axis=-1).astype(np.uint8)
     for name in ("depth", "kinds", "instances", "stems"):
         out[name] = held[name][near]
     return out

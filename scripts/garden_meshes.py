@@ -22,6 +22,12 @@ def frame(z: np.ndarray) -> np.ndarray:
     return np.column_stack([x, np.cross(z, x), z])
 
 
+def spin(angle: float) -> np.ndarray:
+    """The turn (3, 3) by an angle [rad] about z."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+
 def grid_faces(rows: int, columns: int, closed: bool) -> np.ndarray:
     """Triangles of a grid of corners; ``closed``: the last column meets the first."""
     out = []
@@ -56,9 +62,8 @@ def skin(rng: np.random.Generator, ripeness: float, crop: str, polar: np.ndarray
     share = 1.0 / (1.0 + np.exp(-(here - 0.52) / 0.05))
     out = young + share[..., None] * (red - young)
     if ripeness > 0.6 and rng.random() < 0.5:  # a pale shoulder
-        pale = np.clip(1.0 - polar[:, None] / rng.uniform(0.3, 0.8), 0.0, 1.0) * rng.uniform(
-            0.2, 0.9
-        )
+        pale = np.clip(1.0 - polar[:, None] / rng.uniform(0.3, 0.8), 0.0, 1.0)
+        pale = pale * rng.uniform(0.2, 0.9)
         out = out + pale[..., None] * (white - out)
     out = out * (1.0 + 0.08 * smooth(rng, share.shape, 1.5)[..., None])
     if crop == "strawberry":
@@ -148,17 +153,13 @@ def leaf_mesh(rng, size: float):
     base = green(rng)
     veins = np.maximum(np.abs(v) < 0.08, np.abs((6 * u - 2 * np.abs(v)) % 1 - 0.5) < 0.1)
     colours = base * (1 + 0.15 * smooth(rng, u.shape, 1.5))[..., None]
-    colours = colours + (veins * rng.uniform(0, 0.5))[..., None] * (
-        np.array([0.4, 0.5, 0.2]) - colours
-    )
+    pale = (veins * rng.uniform(0, 0.5))[..., None]
+    colours = colours + pale * (np.array([0.4, 0.5, 0.2]) - colours)
     if rng.random() < 0.15:  # old
         dry = np.clip(smooth(rng, u.shape, 2.5), 0, 1)[..., None]
         colours = colours + dry * (np.array([0.35, 0.2, 0.06]) * rng.uniform(0.5, 1.2) - colours)
-    return (
-        points.reshape(-1, 3),
-        grid_faces(rows, columns, False),
-        np.clip(colours, 0.003, 0.9).reshape(-1, 3),
-    )
+    colours = np.clip(colours, 0.003, 0.9).reshape(-1, 3)
+    return points.reshape(-1, 3), grid_faces(rows, columns, False), colours
 
 
 def slab(size: np.ndarray, cuts: int = 14):
@@ -167,9 +168,7 @@ def slab(size: np.ndarray, cuts: int = 14):
     for axis in range(3):
         for sign in (-1.0, 1.0):
             a, b = [k for k in range(3) if k != axis]
-            u, v = np.meshgrid(
-                np.linspace(-0.5, 0.5, cuts), np.linspace(-0.5, 0.5, cuts), indexing="ij"
-            )
+            u, v = np.meshgrid(*[np.linspace(-0.5, 0.5, cuts)] * 2, indexing="ij")
             p = np.zeros((cuts, cuts, 3))
             p[..., axis], p[..., a], p[..., b] = 0.5 * sign, u, v
             points.append(p.reshape(-1, 3) * size)
