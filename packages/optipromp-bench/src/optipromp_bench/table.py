@@ -182,10 +182,7 @@ def picture(board: Leaderboard) -> str:
     for panel, lines in shares.items():
         for entry in board.order:
             told = {engine: board.of(entry, engine) for engine in board.run.engines}
-            counts = ((engine, getattr(s, panel), s.runs) for engine, s in told.items())
-            lines[entry] = {
-                engine: Share(*(100 * v for v in (k / n, *wilson(k, n)))) for engine, k, n in counts
-            }
+            lines[entry] = {e: Share.of(getattr(s, panel), s.runs) for e, s in told.items()}
     return forest(shares)
 
 

@@ -70,9 +70,9 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     assert "3 stem caught" in result.stdout
     assert "44–100" in result.stdout  # 3 of 3
-    names = {"rows.csv", "study.json", "summary.json", "study.png"}
+    names = {"rows.csv", "study.json", "summary.json", "study.svg"}
     assert names <= {p.name for p in tmp_path.iterdir()}
-    assert (tmp_path / "study.png").read_bytes()[:4] == b"\x89PNG"
+    assert (tmp_path / "study.svg").read_text().startswith("<svg")
     again = RUN.invoke(app, [*arguments, "--json"])
     document = json.loads(again.stdout)
     assert document["runs"] == 12

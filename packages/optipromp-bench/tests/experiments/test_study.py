@@ -17,14 +17,10 @@ from tests.experiments.rows import ROW
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp_bench.experiments import rows, study, trials
+from optipromp_bench.experiments.forest import Share
 from optipromp_bench.experiments.rows import STUDY, Row, locked, row_of, rows_of, source_version
 from optipromp_bench.experiments.statistics import auc, calibration, summary, wilson
-from optipromp_bench.experiments.study import (
-    Study,
-    row_file,
-    run_study,
-    study_figure,
-)
+from optipromp_bench.experiments.study import Study, row_file, run_study
 from optipromp_bench.experiments.trials import run_trials
 
 
@@ -237,13 +233,22 @@ def test_a_study_goes_on_where_it_was_left(quick, tmp_path: Path) -> None:
     ]
 
 
-def test_the_bars_are_promised_and_picked_and_the_dots_are_executed() -> None:
+def test_the_picture_has_promised_and_picked_and_what_is_executed_although_refused(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    drawn: dict[str, dict[str, dict[str, Share]]] = {}
+    monkeypatch.setattr(study, "forest", lambda shares: drawn.update(shares) or "")
     refused = replace(ROW, success=True, plan_status="HARM_PREDICTED")
     rows = [replace(ROW, success=True), *(replace(refused, seed=k) for k in (1, 2)),
             replace(ROW, seed=3)]  # fmt: skip
-    rates, _ = study_figure(summary(rows)).axes
-    assert [bar.get_height() for bar in rates.patches] == [25.0]
-    assert [*rates.lines[-1].get_ydata()] == [75.0]
+    study.study_picture(summary(rows))
+    assert [
+        (panel, [round(each) for each in share])
+        for panel, lines in drawn.items() for (share,) in map(dict.values, lines.values())
+    ] == [
+        ("promised and picked", [25, 5, 70]), ("broken promises", [50, 9, 91]),
+        ("picked, if refusals are not heeded", [75, 30, 95]),
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("loop", ["", "closed"])

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.statistics import summary
-from optipromp_bench.experiments.study import Study, run_study, study_figure
+from optipromp_bench.experiments.study import Study, run_study
 from optipromp_bench.experiments.trials import run_trials
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.parameters import SimulationParameters
@@ -94,21 +93,3 @@ def test_one_plan_is_executed_under_every_variation_and_as_assumed_as_ever(tmp_p
     assert run_study(study, tmp_path, workers=1) == [
         replace(row, message=" ".join(row.message.split())) for row in rows
     ]
-
-
-def test_the_figure_shows_planners_beside_one_another_under_every_variation() -> None:
-    rows = [
-        Row(
-            "cluster", seed, planner=planner, variation=name, causes="crushed not_picked",
-            plan_status="INVALID_PLAN" if seed == 3 else "success", redraws=0,
-            success=planner == "drift" or seed > 1,
-        )
-        for name in VARIATIONS for planner in ("drift", "opti-promp") for seed in range(4)
-    ]  # fmt: skip
-    rates, why = study_figure(summary(rows)).axes
-    assert [text.get_text() for text in rates.get_yticklabels()] == list(VARIATIONS)
-    drift, ours = (c.lines[0].get_xdata() for c in rates.containers)
-    assert (set(drift), set(ours)) == ({75.0}, {25.0})  # promised and picked
-    dots = [set(line.get_xdata()) for line in rates.lines if line.get_marker() == "o"]
-    assert dots == [{100.0}, {50.0}]  # executed although refused
-    assert [text.get_text() for text in why.get_yticklabels()] == ["crushed", "not picked"]

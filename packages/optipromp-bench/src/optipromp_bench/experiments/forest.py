@@ -3,6 +3,8 @@
 from typing import NamedTuple
 from xml.sax.saxutils import escape
 
+from optipromp_bench.experiments.statistics import wilson
+
 COLOURS = "#0072b2", "#d55e00"  # of the first series and of the second: told apart by all eyes
 LETTER, WIDE, LINE = 6.3, 295, 12  # [pixel] a letter of a label, a panel, a share
 SCALES = 20.0, 40.0, 60.0, 80.0, 100.0  # [%] the largest share of a panel's axis
@@ -14,6 +16,11 @@ class Share(NamedTuple):
     share: float
     low: float
     high: float
+
+    @classmethod
+    def of(cls, count: int, runs: int) -> "Share":
+        """Of ``runs``, with Wilson's interval, 95 %."""
+        return cls(*(100.0 * part for part in (count / runs, *wilson(count, runs))))
 
     def __str__(self) -> str:
         return f"{self.share:g} ({self.low:g}–{self.high:g})"

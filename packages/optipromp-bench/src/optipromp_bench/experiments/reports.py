@@ -13,11 +13,9 @@ from optipromp.core.output import ROWS
 from optipromp.core.planning import PlanOptions
 from optipromp.core.scenes.crops import load_crop
 from optipromp.looks.reports import made_with, page, paragraph, picture, section, table
-from optipromp.looks.viewer.figures import png
-from optipromp.looks.viewer.html import DPI
 from optipromp_bench.experiments import statistics
 from optipromp_bench.experiments.rows import ERROR, NO_PLAN, Row, rows_of
-from optipromp_bench.experiments.study import file_of, settings_of, study_figure
+from optipromp_bench.experiments.study import file_of, settings_of, study_picture
 from optipromp_bench.experiments.trials import FOLDER, again
 from optipromp_eyes.pictures import png_file
 from optipromp_sim.generate import PANDA
@@ -53,7 +51,7 @@ def study_report(
     parts = [
         head,
         section(
-            "Success", picture(png(study_figure(cells), DPI), "Success rates and causes"),
+            "Success", picture(study_picture(cells), "Shares with their intervals", "svg+xml"),
             table(_rates(cells), ("preset", "planner", "runs", "kept by 0.3.0",
                                   "promised and picked", "95 % (Wilson)", "broken promises", "95 %",
                                   "picked if executed although refused",

@@ -2,33 +2,28 @@
 
 One process appends each row, whole, to ``rows.csv``; a study that begins again in the same folder
 runs what is missing. ``study.json`` holds the settings that all rows share; ``summary.json`` and
-``study.png`` hold the results.
+``study.svg`` hold the results.
 """
 
 import functools
 import itertools
 import json
-from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from optipromp.core.errors import InvalidRequestError, installed_by, short
 from optipromp.core.files import check_folder, is_file, json_text, write_atomically
 from optipromp.core.output import ROWS
 from optipromp.core.robots.library import NOTHING
-from optipromp.looks.viewer.figures import png
 from optipromp_bench.experiments.cluster import Progress, gathered
+from optipromp_bench.experiments.forest import Share, Shares, forest
 from optipromp_bench.experiments.rows import LOCK, Key, Row, RowFile, locked, source_version
 from optipromp_bench.experiments.statistics import PlanCell, calibration, loop_summary
 from optipromp_bench.experiments.trials import FOLDER, digests, run_trials, warm_up
 from optipromp_bench.experiments.trials import Study as Study
 from optipromp_sim.generate import PANDA
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 SETTINGS = "study.json"
 
@@ -133,27 +128,8 @@ def file_of(settings: Mapping[str, Any], name: str) -> Path | None:
     return path if digests([path]) == {name: known[name]} else None
 
 
-COLOURS = {
-    "straight": "#b0b5bd",
-    "promp": "#8fa6c4",
-    "i-promp": "#e0a458",
-    "i-promp-guard": "#c9822b",
-    "drift": "#b08fc4",
-    "paper": "#7d5ba6",
-    "obstacles": "#7fb28a",
-    "chomp": "#4f8a5c",
-    "opti-promp": "#1f5fb4",
-    "open": "#b0b5bd",
-    "closed": "#1f5fb4",
-}
-
-RATE = "promised and picked, nothing harmed [%]"
-TITLE = "Promised and picked, 95 % intervals (Wilson); dots: executed although refused"
-_BELOW: dict[str, Any] = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15)}
-
-
 def write_results(rows: Sequence[Row], cells: Sequence[PlanCell], folder: Path) -> tuple[str, ...]:
-    """Write ``summary.json`` and ``study.png``.
+    """Write ``summary.json`` and ``study.svg``.
 
     Returns: The names of the files.
     """
@@ -165,71 +141,20 @@ def write_results(rows: Sequence[Row], cells: Sequence[PlanCell], folder: Path) 
     if any(row.loop for row in rows):
         document["loops"] = [cell.to_dict() for cell in loop_summary(rows)]
     write_atomically(folder / "summary.json", json_text(document).encode("utf-8"))
-    write_atomically(folder / "study.png", png(study_figure(cells)))
-    return "summary.json", "study.png"
+    write_atomically(folder / "study.svg", study_picture(cells))
+    return "summary.json", "study.svg"
 
 
-def study_figure(cells: Sequence[PlanCell]) -> "Figure":
-    """Success rates by preset and planner with 95 % intervals, and the causes of failure."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(11.0, 4.6), layout="constrained")
-    rates, causes = figure.subplots(1, 2, width_ratios=(3, 2))
-    many = len({cell.preset for cell in cells}) > 9  # variations: their names are long
-    _rates(rates, cells, many)
-    _causes(causes, cells)
-    for axes in (rates, causes):
-        axes.spines[["top", "right"]].set_visible(False)
-    return figure
-
-
-def _rates(axes: "Axes", cells: Sequence[PlanCell], level: bool) -> None:
-    """Bars over the presets; ``level``: points beside the names of variations of the physics."""
-    names = list(dict.fromkeys(cell.preset for cell in cells))
-    planners = list(dict.fromkeys(cell.planner for cell in cells))
-    width = (0.6 if level else 0.8) / len(planners)
-    for i, planner in enumerate(planners):
-        mine = [cell for cell in cells if cell.planner == planner]
-        at = [names.index(cell.preset) + (i - 0.5 * (len(planners) - 1)) * width for cell in mine]
-        rates, dots = [100 * c.rate for c in mine], [100 * c.successes / c.runs for c in mine]
-        spans = [[100 * (c.rate - c.low) for c in mine], [100 * (c.high - c.rate) for c in mine]]
-        own: dict[str, Any] = {"color": COLOURS.get(planner), "label": planner}
-        if level:
-            axes.errorbar(rates, at, xerr=spans, fmt="s", markersize=4.0, elinewidth=1.0, **own)
-        else:
-            lines = {"elinewidth": 1.0, "capsize": 2.0, "ecolor": "#333333"}
-            axes.bar(at, rates, 0.9 * width, yerr=spans, error_kw=lines, **own)
-        axes.plot(*((dots, at) if level else (at, dots)), "o", color="#333333", ms=2.5)
-    if level:
-        axes.set_yticks(range(len(names)), names)
-        axes.grid(axis="y", linewidth=0.4, color="#dddddd")
-        axes.invert_yaxis()
-        runs = sorted({cell.runs for cell in cells})
-        axes.set(xlim=(-2.0, 102.0), xlabel=f"{RATE}; {'–'.join(map(str, runs))} scenes each")
-    else:
-        of_each = (sorted({c.runs for c in cells if c.preset == name}) for name in names)
-        counts = ("–".join(map(str, runs)) for runs in of_each)
-        labels = [f"{name}\n{runs} scenes" for name, runs in zip(names, counts, strict=True)]
-        axes.set_xticks(range(len(names)), labels)
-        axes.set(ylim=(0.0, 105.0), ylabel=RATE)
-    axes.set_title(TITLE, fontsize=10)
-    axes.legend(frameon=False, fontsize=8, ncols=len(planners), **_BELOW)
-
-
-def _causes(axes: "Axes", cells: Sequence[PlanCell]) -> None:
-    planners = list(dict.fromkeys(cell.planner for cell in cells))
-    counts = {planner: Counter[str]() for planner in planners}
-    runs: Counter[str] = Counter()
-    for cell in cells:
-        counts[cell.planner].update(cell.causes)
-        runs[cell.planner] += cell.runs
-    causes = [cause for cause, _ in sum(counts.values(), Counter[str]()).most_common()]
-    width = 0.8 / len(planners)
-    for i, planner in enumerate(planners):
-        y = [k + (i - 0.5 * (len(planners) - 1)) * width for k in range(len(causes))]
-        share = [100.0 * counts[planner][cause] / runs[planner] for cause in causes]
-        axes.barh(y, share, 0.9 * width, color=COLOURS.get(planner))
-    axes.set_yticks(range(len(causes)), [cause.replace("_", " ") for cause in causes])
-    axes.invert_yaxis()
-    axes.set_xlabel("of all runs [%]")
-    axes.set_title("Why runs failed: all causes", fontsize=10)
+def study_picture(cells: Iterable[PlanCell]) -> bytes:
+    """SVG: what became of the plans of each preset and planner, with 95 % intervals (Wilson)."""
+    shares: Shares = {}
+    for c in cells:
+        counts = {
+            "promised and picked": (c.kept, c.runs), "broken promises": (c.broken, c.plans),
+            "picked, if refusals are not heeded": (c.successes, c.runs),
+        }  # fmt: skip
+        for panel, (count, of) in counts.items():
+            if of:
+                lines = shares.setdefault(panel, {}).setdefault(f"{c.preset}, {c.planner}", {})
+                lines[""] = Share.of(count, of)
+    return forest(shares).encode()

@@ -79,10 +79,10 @@ def table(rows: Iterable[Sequence[str]], head: Sequence[str] = ()) -> str:
     return f'<div class="wide">{html.table(rows, head)}</div>'
 
 
-def picture(content: bytes, caption: str) -> str:
-    """A PNG, embedded in the file."""
+def picture(content: bytes, caption: str, kind: str = "png") -> str:
+    """A picture of a ``kind`` (png, svg+xml), embedded in the file."""
     return (
-        f'<figure><img alt="{escape(caption)}" src="{_data("image/png", content)}">'
+        f'<figure><img alt="{escape(caption)}" src="{_data(f"image/{kind}", content)}">'
         f"<figcaption>{escape(caption)}</figcaption></figure>"
     )
 
