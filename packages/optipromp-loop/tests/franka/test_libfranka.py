@@ -133,7 +133,7 @@ def test_nobody_listens_at_another_address() -> None:
 
 @pytest.mark.parametrize("name", ["scenario-3", "cluster"])
 def test_a_plan_is_followed_without_a_reflex(name: str) -> None:
-    from scripts.franka_plans import streamed
+    from tests.franka.streamed import streamed
 
     from optipromp import load_scene, plan
     from optipromp_sim.generate import generate

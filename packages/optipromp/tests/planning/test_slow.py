@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.planning.fridge import fridge
+from tests.robots.stock import stock
 
 import optipromp
 from optipromp.core import judging
@@ -138,9 +140,6 @@ def test_a_target_alone_is_not_run_into() -> None:
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
 def test_a_bottle_in_a_fridge_is_reached_in_half_the_time_as_gently() -> None:
     """An xArm7 behind two cups: slow only near, against the same path slow throughout."""
-    from scripts.fridge import fridge
-    from tests.robots.stock import stock
-
     made = optipromp.plan(fridge(stock("xarm7")))
     assert made.success, made.message
     even = shortest(made.robot, made.trajectory.positions, made.first, PUSH.standing.speed)

@@ -191,7 +191,7 @@ def test_a_stock_robot(name: str) -> None:
     """Covered whole, by few spheres; and free of itself where its meshes are."""
     for needed in ("coal", "trimesh", *(["collada"] if name == "kinova" else [])):
         pytest.importorskip(needed)
-    from scripts.robots_self import link_meshes, meshes_touch, random_configurations
+    from tests.robots.touching import link_meshes, meshes_touch, random_configurations
 
     robot = load_robot(stock(name))
     places = {each.link: each for each in robot.geometry}
@@ -217,7 +217,7 @@ def test_a_stock_robot(name: str) -> None:
         assert robot.excess[link] <= 0.03, link
     q = random_configurations(robot, CONFIGURATIONS)
     gaps = robot.self_gaps(q).min(axis=1)
-    theirs, _ = meshes_touch(robot, q, np.zeros(len(q), dtype=np.bool_))
+    theirs = meshes_touch(robot, q)
     assert not (theirs & (gaps > 0.001)).any()
     assert ((gaps < 0.0) == theirs).mean() >= STOCK[name][1]
 

@@ -1,22 +1,15 @@
-"""How often a robot touches itself as its meshes do: a table of docs/robots-tried.md.
+"""Whether a robot touches itself as its meshes do, by Coal.
 
-    python scripts/robots_self.py COUNT FILE...  (URDF, MJCF or robot file)
-
-COUNT random configurations a robot, checked by Coal. Pairs that the maker's SRDF disables are left
-out. Links touch where their surfaces meet, or one is inside the other (winding number). A collision
-is missed where only the meshes touch; its depth is that of the points of one mesh in the other.
+Links touch where their surfaces meet, or one is inside the other (winding number). Pairs that the
+maker's SRDF disables are left out.
 """
-
-import sys
 
 import coal
 import numpy as np
 import trimesh
-from scipy.spatial import cKDTree
 
-from optipromp.core.robots import Robot, load_robot
+from optipromp.core.robots import Robot
 from optipromp.core.robots.description import LinkGeometry, LinkShape, rotation_of
-from optipromp.readers.fit import spread_points
 from optipromp.readers.packages import triangles
 
 
@@ -50,11 +43,8 @@ def random_configurations(robot: Robot, count: int) -> np.ndarray:
     return np.random.default_rng(1).uniform(low, high, (count, robot.n_joints))
 
 
-def meshes_touch(robot: Robot, q: np.ndarray, missed: np.ndarray) -> tuple[np.ndarray, float]:
-    """Whether links two or more segments apart touch at ``q`` (m, n): (m,).
-
-    And how deep they are in one another [m] where they do and ``missed`` (m,).
-    """
+def meshes_touch(robot: Robot, q: np.ndarray) -> np.ndarray:
+    """Whether links two or more segments apart touch at ``q`` (m, n): (m,)."""
     places, meshes = {each.link: each for each in robot.geometry}, link_meshes(robot)
     wrong = {frozenset(each[:2]) for each in robot.left_out if each.why.endswith(".srdf")}
     models = {name: _bvh(mesh) for name, mesh in meshes.items()}
@@ -70,32 +60,17 @@ def meshes_touch(robot: Robot, q: np.ndarray, missed: np.ndarray) -> tuple[np.nd
             for turn, move in zip(turns, moves, strict=True)
         ]
     out, request, result = np.zeros(len(q), bool), coal.CollisionRequest(), coal.CollisionResult()
-    deepest = 0.0
     for a in meshes:
         for b in meshes:
             if places[a].segment > places[b].segment - 2 or frozenset((a, b)) in wrong:
                 continue
-            for t in np.flatnonzero(~out | missed):
+            for t in np.flatnonzero(~out):
                 result.clear()
                 touch = coal.collide(models[a], at[a][t], models[b], at[b][t], request, result)
                 between = at[a][t].inverse() * at[b][t]
                 touch = touch or _inside(solids[a], between, meshes[b][0, 0])
-                touch = touch or _inside(solids[b], between.inverse(), meshes[a][0, 0])
-                out[t] = out[t] or touch
-                if touch and missed[t]:
-                    deepest = max(deepest, _depth(solids[a], between, meshes[b]))
-                    deepest = max(deepest, _depth(solids[b], between.inverse(), meshes[a]))
-    return out, deepest
-
-
-def _depth(solid: tuple[np.ndarray, ...], place: coal.Transform3s, mesh: np.ndarray) -> float:
-    """How deep points of ``mesh``, 1 mm apart, that stands at ``place`` are in a solid [m]."""
-    (own, low, high), points = solid, spread_points(mesh, 0.001)
-    placed = points @ place.getRotation().T + place.getTranslation()
-    rows = np.flatnonzero(((placed > low) & (placed < high)).all(axis=1))
-    inside = [t for t in rows if _inside(solid, place, points[t])]
-    away = cKDTree(spread_points(own, 0.001)).query(placed[inside])[0] if inside else np.zeros(1)
-    return float(away.max())
+                out[t] = touch or _inside(solids[b], between.inverse(), meshes[a][0, 0])
+    return out
 
 
 def _bvh(mesh: np.ndarray) -> coal.BVHModelOBBRSS:
@@ -121,29 +96,3 @@ def _inside(solid: tuple[np.ndarray, ...], place: coal.Transform3s, point: np.nd
     volume = np.einsum("ij,ij->i", a, np.cross(b, c))
     rest = x * y * z + (a * b).sum(1) * z + (b * c).sum(1) * x + (c * a).sum(1) * y
     return bool(abs(np.arctan2(volume, rest).sum()) > np.pi)
-
-
-def main(count: int, files: list[str]) -> None:
-    """Print a row for each file."""
-    print(
-        "| robot | spheres | pairs | largest excess | free of itself | by meshes | agree | missed "
-        "| deepest missed |"
-    )
-    print("|---|---|---|---|---|---|---|---|---|")
-    for file in files:
-        robot = load_robot(file)
-        q = random_configurations(robot, count)
-        some = np.array_split(q, max(1, count // 500))  # all at once would take gigabytes
-        ours = np.concatenate([(robot.self_gaps(each) < 0.0).any(axis=1) for each in some])
-        theirs, deepest = meshes_touch(robot, q, ~ours)
-        print(
-            f"| {robot.name} | {len(robot.spheres.radius)} | {len(robot.self_pairs)} "
-            f"| {1e3 * max(robot.excess.values()):.0f} mm | {100 * (~ours).mean():.1f} % "
-            f"| {100 * (~theirs).mean():.1f} % | {100 * (ours == theirs).mean():.1f} % "
-            f"| {(theirs & ~ours).sum()} | {1e3 * deepest:.1f} mm |",
-            flush=True,
-        )
-
-
-if __name__ == "__main__":
-    main(int(sys.argv[1]), sys.argv[2:])

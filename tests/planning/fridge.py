@@ -1,23 +1,11 @@
-"""An xArm7 reaches a bottle behind two cups in a fridge: how long, and how hard.
+"""An xArm7 before a fridge: a bottle behind two cups."""
 
-    python scripts/fridge.py FOLDER
-
-FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``).
-The plan is slow only where something is near or is pushed. Beside it stands the same path at the
-speed of a push throughout. Both are executed in the simulation.
-"""
-
-import argparse
 from pathlib import Path
 
 import numpy as np
 
 from optipromp.core.geometry import Box, Cylinder
-from optipromp.core.planning import plan
-from optipromp.core.planning.timing import shortest
-from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes import Approach, Scene, SceneObject, ToolSpec
-from optipromp_sim.simulation import Run, simulate
 
 FRONT, BACK, BOARD, WIDTH, ROOM, WALL = 0.52, 0.85, 0.40, 0.50, 0.36, 0.02  # [m] choices
 
@@ -48,28 +36,3 @@ def fridge(robot: str | Path) -> Scene:
     return Scene(
         name="fridge", robot=robot, tool=ToolSpec("franka_hand"), objects=objects, approach=level
     )
-
-
-def told(name: str, run: Run) -> str:
-    """A line of the answer."""
-    outcome = run.outcome
-    forces = ", ".join(f"{id_} {force:.1f} N" for id_, force in outcome.peak_force.items())
-    return (
-        f"{name}: {outcome.duration:.1f} s, {'picked' if run.success else outcome.cause}, {forces}"
-    )
-
-
-def main() -> None:
-    """Plan, execute both, print."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", type=Path)
-    scene = fridge(parser.parse_args().folder / "xarm_description" / "urdf" / "xarm7.urdf")
-    made = plan(scene)
-    print(f"plan: {made.status}, {made.message}")
-    even = shortest(made.robot, made.trajectory.positions, made.first, PUSH.standing.speed)
-    print(told("slow only near", simulate(made)))
-    print(told("slow throughout", simulate(even, made.scene, robot=made.robot)))
-
-
-if __name__ == "__main__":
-    main()
