@@ -1,27 +1,19 @@
 """Goals at which the hand touches what it is about to grasp: refused, and reached with `may_touch`.
 
-    python -m benchmarks.grasps --count 100
-
 MotionBenchMaker's goals are of this kind, but its files are not at hand: these are our own laid
 tables (benchmarks/furniture.py). The hand comes down round a thing on the table and overlaps it; it
-keeps 10 mm from all others. Each goal is planned as it is, and with the pair of tool and thing.
+keeps 10 mm from all others. tests/test_benchmarks_suite.py plans one as it is, and with the pair.
 """
-
-import argparse
-from collections import Counter
-from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.furniture import CLEARANCE, POSE_STARTS, THICK, TILT, generate
+from benchmarks.furniture import CLEARANCE, POSE_STARTS, THICK, TILT
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import distances
-from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots import ik
-from optipromp.core.scenes.scene import JointGoal, Scene, obstacles_of
+from optipromp.core.scenes.scene import Scene, obstacles_of
 
-FIRST = 81_000  # seed of the first table
 DEEPEST = 0.05  # [m] of the tool point below the top of a thing, at most: a choice
 TRIES = 40  # poses of the hand on a table
 
@@ -54,34 +46,3 @@ def touching(scene: Scene, seed: int) -> tuple[FloatArray, str] | None:
         if room[np.ix_(hand, mine)].min() < 0.0:
             return q, thing.id
     return None
-
-
-def main() -> None:
-    """Plan each goal twice, print the counts of statuses."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=100, help="goals (default: %(default)s)")
-    parser.add_argument("--first", type=int, default=FIRST, help="seed of the first table")
-    asked = parser.parse_args()
-    count, seed = asked.count, asked.first
-    bare, paired = Counter[str](), Counter[str]()
-    while sum(bare.values()) < count:
-        scene = generate("table-pick", seed)
-        seed += 1
-        if (goal := touching(scene, seed)) is None:
-            continue
-        scene = replace(scene, goal=JointGoal(goal[0]))
-        bare[plan(scene).status.value] += 1
-        made = plan(replace(scene, may_touch=(("tool", goal[1]),)))
-        paired[made.status.value] += 1
-        if not made.success:
-            print(f"seed {seed - 1}: {made.message}", flush=True)
-    print(f"{count} goals of tables {asked.first} to {seed - 1}")
-    print(f"| {count} goals | valid | refused |\n|---|---|---|")
-    rows = ("as they are", bare), ("with `may_touch: [[tool, thing]]`", paired)
-    for name, found in rows:
-        refused = ", ".join(f"{n} {status}" for status, n in found.items() if status != "success")
-        print(f"| {name} | {found['success']} | {refused or 0} |")
-
-
-if __name__ == "__main__":
-    main()

@@ -20,14 +20,17 @@ import tempfile
 import time
 import zipfile
 from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from optipromp_bench.experiments.rows import Row, rows_of
+
 RUN = [sys.executable, "-m", "optipromp"]
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
 PATIENCE = 10.0  # [s] in which the helpers of a process that was killed must end
-UNLIKE = ("plan_time", "simulation_time")  # columns of a study that no two runs share
+UNLIKE = {"plan_time": 0.0, "simulation_time": 0.0}  # which no two runs share
 
 
 def session(leader: int) -> list[int]:
@@ -99,13 +102,9 @@ def disturbed(arguments: list[str], number: int, after: float, folder: Path) -> 
     return "; ".join(wrong), early
 
 
-def rows(folder: Path) -> list[dict[str, str]]:
+def rows(folder: Path) -> list[Row]:
     """The rows of a study without their times, in an order of their own."""
-    import csv
-
-    with (folder / "rows.csv").open(newline="") as file:
-        found = [{k: v for k, v in row.items() if k not in UNLIKE} for row in csv.DictReader(file)]
-    return sorted(found, key=lambda row: (row["preset"], row["seed"], row["planner"]))
+    return sorted((replace(row, **UNLIKE) for row in rows_of(folder)), key=lambda row: row.key)
 
 
 def main() -> None:

@@ -1,16 +1,15 @@
 """Robots for the oracles: convex pieces, placed by Pinocchio."""
 
-import importlib.metadata
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from importlib import resources
-from pathlib import Path
 from typing import Any
 
 import coal
 import numpy as np
 import pinocchio as pin
 import trimesh
+from scripts.robots_tried import models
 
 from optipromp.core.geometry import Box, Cylinder, MeshShape
 from optipromp.core.robots import (
@@ -94,19 +93,12 @@ def cut(piece: Piece, along: Any, at: float) -> tuple[Piece, Piece]:
     return replace(piece, corners=beyond), replace(piece, corners=before)
 
 
-def makers() -> Path:
-    """The folder of the makers' robots."""
-    found = [p for p in importlib.metadata.files("example-robot-data") or []
-             if str(p).endswith("robots/panda_description/urdf/panda.urdf")]  # fmt: skip
-    return Path(str(found[0].locate())).resolve().parents[2]
-
-
 def solids(tool: Any, flange: Any) -> list[Piece]:
     """The solids of a tool on a flange; of the Franka hand, the maker's meshes."""
     joint, rotation, translation = flange
     out = []
     if isinstance(tool, FrankaHand):
-        folder = makers() / "panda_description" / "meshes" / "collision"
+        folder = models() / "panda_description" / "meshes" / "collision"
         palm, finger = (trimesh.load(folder / f"{n}.stl", force="mesh") for n in ("hand", "finger"))
         at = np.array([0.0, tool.gripper_radius, 0.0584])
         other = np.array(finger.vertices) * [-1, -1, 1] + at * [1, -1, 1]
@@ -170,7 +162,7 @@ class Arm:
         self.levers = np.array([reach + sum(steps[j + 1 :]) for j in range(self.model.nq)])
 
     def _links(self) -> list[Piece]:
-        folder = makers() / "panda_description" / "meshes" / "collision"
+        folder = models() / "panda_description" / "meshes" / "collision"
         last, out = self.robot.n_joints, []
         for i in range(last + 1):
             mesh = trimesh.load(folder / f"link{i}.stl", force="mesh")

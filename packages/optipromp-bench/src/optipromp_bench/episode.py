@@ -201,20 +201,16 @@ class Episode(Pick["Outcome | Word"]):
     """One pick in the simulation, moved by joint velocities.
 
     ``situation``: true scene, scene as first seen, camera, physics. ``seed``: of physics and looks.
-    The same velocities give the same episode to the last bit. ``rate``: at which velocities come
-    [Hz]; divides the controller's rate. ``engine``: that it happens in. ``longest``: time after
-    which it ends [s]; None: LONGEST.
+    The same velocities give the same episode to the last bit. ``engine``: that it happens in.
+    ``longest``: time after which it ends [s]; None: LONGEST.
     """
 
     def __init__(
-        self, situation: Situation, seed: int = 0, rate: float = RATE,
-        engine: Engine = "arm", longest: float | None = None,
+        self, situation: Situation, seed: int = 0, engine: Engine = "arm",
+        longest: float | None = None,
     ) -> None:  # fmt: skip
         own = ARENAS[engine](situation, seed, None)
-        count = 1.0 / (rate * own.tick)
-        if not math.isclose(count, round(count), rel_tol=1e-9) or round(count) < 1:
-            raise InvalidRequestError(f"rate is {rate:g} Hz; must divide the controller's rate")
-        self.situation, self.seed, self.period = situation, seed, 1.0 / rate
+        self.situation, self.seed, self.period = situation, seed, 1.0 / RATE
         self.longest = longest or LONGEST
         self._held = dict[str, float]()
         eye = Eye(Detector(situation.scene, own.robot, situation.detector, seed))

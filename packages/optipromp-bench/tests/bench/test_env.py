@@ -371,9 +371,3 @@ def test_scenes_are_held() -> None:
     assert env.situation is first  # the one scene of these seeds is not made again
     env.reset(options={"scene": 200_001})
     assert env.situation is not first
-
-
-def test_an_episode_needs_a_rate_that_divides_the_controllers() -> None:
-    setting = CONDITIONS["none"](generate("cluster", 61_000), 0)
-    with pytest.raises(InvalidRequestError, match="divide"):
-        Episode(setting, rate=37.0)
