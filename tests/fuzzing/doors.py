@@ -441,25 +441,13 @@ def cloud(random: Random) -> Mutant:
     return Mutant("cloud", {name: content}, act)
 
 
-class Still:
-    """An entry that holds the arm where it is."""
-
-    def plan(self, scene: Any, seed: int) -> Any:
-        from optipromp.core.planning.task import posed
-        from optipromp.core.trajectory import Trajectory
-
-        robot, state = posed(scene)
-        rest = np.zeros((3, robot.n_joints))
-        return Trajectory(np.arange(3.0), rest + state.q, rest, rest, robot.joint_names)
-
-
 @cache
 def bench_files() -> dict[str, bytes]:
     """A folder of a run of one scene, with its zip."""
     from optipromp_bench.results import BenchRun, run_bench
     from optipromp_bench.sets import SceneSet
 
-    run = BenchRun.of("tests.fuzzing.doors:Still", "plan", SceneSet("word", ("cluster",), 1))
+    run = BenchRun.of("tests.bench.entrants:Still", "plan", SceneSet("word", ("cluster",), 1))
     with TemporaryDirectory() as name:
         run_bench(run, Path(name), workers=1)
         return {str(p.relative_to(name)): p.read_bytes() for p in Path(name).rglob("*")
@@ -540,7 +528,7 @@ def bench_run(random: Random) -> Mutant:
         (folder / "motions").mkdir()
         for name, content in files.items():
             (folder / name).write_bytes(content)
-        run = BenchRun.of("tests.fuzzing.doors:Still", "plan", SceneSet("word", ("cluster",), 1))
+        run = BenchRun.of("tests.bench.entrants:Still", "plan", SceneSet("word", ("cluster",), 1))
         run_bench(run, folder, workers=1)
         return "success"
 

@@ -8,7 +8,7 @@ import functools
 import hashlib
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -338,11 +338,7 @@ def run_trials(
         for variation in study.variations:
             row = replace(mine, variation=variation)
             try:
-                if looping and contender != "open":
-                    row = _looped(_borne(begin(), preset), row)
-                else:
-                    made, setting = planned(row.planner)
-                    row = _opened(made, setting, row, study)
+                row, _ = _tried(row, begin, planned, study)
             except OptiPrompError as error:
                 row = _broken(row, str(error.code), error.message)
             except Exception as error:  # the row tells of it, and the study goes on
@@ -361,14 +357,9 @@ def again(
     scene's where it is a file, ``crop`` that of the study.
     """
     setting = setting_of(row, robot, source, crop)
-    if row.loop not in ("", "open"):
-        return picked(_borne(setting, row.preset), row.seed).run
     study = Study(planners=(row.planner,), risk=risk, loops=(row.loop,) if row.loop else ())
-    made, setting = _planned(setting, row.planner, row.seed, study)
-    if not _executable(made, study):
-        return None
-    assert made is not None
-    return _executed(made, setting, row)
+    planned = functools.partial(_planned, setting, seed=row.seed, study=study)
+    return _tried(row, lambda: setting, planned, study)[1]
 
 
 def setting_of(
@@ -411,34 +402,40 @@ def _planned(
     return made, setting
 
 
-def _executable(made: Answer | None, study: Study) -> bool:
-    if made is None or made.trajectory is None:
-        return False
-    return made.status == Code.SUCCESS or not (study.only_valid or study.loops)
+Planned = Callable[[str], tuple[Answer | None, situations.Situation]]
+"""The plan of a planner, and the situation that it is of."""
 
 
-def _opened(made: Answer | None, setting: situations.Situation, row: Row, study: Study) -> Row:
-    """The row of a plan that is executed blind in the true scene."""
+def _tried(
+    row: Row, begin: Callable[[], situations.Situation], planned: Planned, study: Study
+) -> tuple[Row, Run | None]:
+    """The row of one trial, and its run; None: nothing is executed.
+
+    A pick looks again, and its seed is that of physics and looks; else a plan is executed blind in
+    the true scene.
+    """
+    if row.loop not in ("", "open"):
+        return _looped(_borne(begin(), row.preset), row)
+    made, setting = planned(row.planner)
     row = replace(row, **cast(Pictures, setting.figures))
     if made is None:
-        return replace(
-            row, plan_status=str(Code.NO_PLAN), cause=NOT_SEEN, message="no ripe fruit is seen",
-            result="gave_up",
-        )  # fmt: skip
+        told = {"cause": NOT_SEEN, "message": "no ripe fruit is seen", "result": "gave_up"}
+        return replace(row, plan_status=str(Code.NO_PLAN), **told), None
     row = replace(
         row, plan_status=str(made.status), plan_time=made.seconds, predicted_harm=made.harm,
         predicted_failure=made.failure, tilt=made.tilt,
     )  # fmt: skip
-    if not _executable(made, study):
+    heeded = study.only_valid or study.loops
+    if made.trajectory is None or (heeded and made.status != Code.SUCCESS):
         result = "refused" if study.loops else ""
-        return replace(row, cause=NO_PLAN, message=made.message, result=result)
+        return replace(row, cause=NO_PLAN, message=made.message, result=result), None
     began = time.perf_counter()
-    outcome = _executed(made, setting, row).outcome
+    run = _executed(made, setting, row)
     return replace(
-        _told(row, outcome, setting.scene.target),
-        result=outcome.result if study.loops else "",
+        _told(row, run.outcome, setting.scene.target),
+        result=run.outcome.result if study.loops else "",
         simulation_time=time.perf_counter() - began,
-    )
+    ), run
 
 
 def _borne(setting: situations.Situation, preset: str) -> situations.Situation:
@@ -456,8 +453,7 @@ def _executed(made: Answer, setting: situations.Situation, row: Row) -> Run:
     return simulate(motion, setting.scene, parameters=p, seed=row.seed, failed_leg=True)
 
 
-def _looped(setting: situations.Situation, row: Row) -> Row:
-    """The row of a pick that looks again; its seed is that of physics and looks."""
+def _looped(setting: situations.Situation, row: Row) -> tuple[Row, Run]:
     began = time.perf_counter()
     done = picked(setting, row.seed)
     outcome = done.run.outcome
@@ -469,7 +465,7 @@ def _looped(setting: situations.Situation, row: Row) -> Row:
         result=done.result,
         **loop_figures(done),
         simulation_time=time.perf_counter() - began,
-    )
+    ), done.run
 
 
 def _broken(row: Row, status: str, message: str) -> Row:

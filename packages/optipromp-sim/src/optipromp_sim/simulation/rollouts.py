@@ -1,4 +1,4 @@
-"""``rollout``: an agent moves an arm, turn by turn, until it has nothing more to do; it is judged.
+"""``rollout``: an agent moves an arm, turn by turn, until it has nothing more to do; then the word.
 
 A turn is a few references, or a whole curve. *Agents* are the :class:`Legs` of a plan, a controller
 (:class:`optipromp_sim.simulation.execute.Controlled`) and, in the benchmark, a policy, alone or
@@ -79,8 +79,7 @@ class Pick(Generic[W]):
         looks: that came since the turn before.
         path: (n,) reference at the end of each turn.
         taken: (3,) the tool point where the target was cut off; None: it was not.
-        records, word: of all that was judged last; None: nothing is judged, or references came
-            after it, or the arena has no records.
+        records, word: of what was judged last; None: nothing was, or references came after it.
     """
 
     def __init__(
@@ -175,10 +174,7 @@ class Legs:
 
 
 def rollout(agent: Agent[Any], pick: Pick[W]) -> W:
-    """Let an agent move the arm until it has nothing more to do, or the physics break down.
-
-    Returns: The judgement of all that happened.
-    """
+    """The judgement once the agent has nothing more to do, or the physics broke down."""
     while not pick.broken and (turn := agent(pick)) is not None:
         pick.lead(turn)
     return pick.judged()
