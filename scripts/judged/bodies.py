@@ -9,7 +9,7 @@ import coal
 import numpy as np
 import pinocchio as pin
 import trimesh
-from scripts.robots_tried import models
+from scripts.studies.arms import models
 
 from optipromp.core.geometry import Box, Cylinder, MeshShape
 from optipromp.core.robots import (

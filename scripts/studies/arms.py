@@ -8,13 +8,13 @@ this is.
 """
 
 import itertools
-import sys
 import tempfile
 import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.metadata import distribution
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +26,7 @@ from optipromp_bench.experiments.statistics import share, tabled
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import simulate
 
+MODELS = "cmeel.prefix/share/example-robot-data/robots"  # in the folder of installed packages
 TIAGO = """format: 1
 name: tiago
 urdf: {urdf}
@@ -57,14 +58,16 @@ def folder() -> tempfile.TemporaryDirectory[str]:
     return tempfile.TemporaryDirectory()
 
 
+def models() -> Path:
+    """The robots of the installed package example-robot-data."""
+    return Path(str(distribution("example-robot-data").locate_file(MODELS)))
+
+
 def file_of(name: str) -> str | Path:
     """The robot's name or file."""
     own, path = Path(folder().name, "tiago.yaml"), ARMS[name]
     if path == "panda":
         return path
-    sys.path.insert(0, str(Path(__file__).parents[1]))
-    from robots_tried import models
-
     if not name.startswith("TIAGo"):
         return models() / path
     own.write_text(TIAGO.format(urdf=models() / path))

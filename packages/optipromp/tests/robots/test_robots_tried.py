@@ -1,14 +1,10 @@
-"""The arms of stock robot files (package example-robot-data, extra `models`).
-
-Each file is read without its meshes; scripts/robots_tried.py loads them whole, for a table of
-docs/robots-tried.md.
-"""
+"""The arms of stock robot files (package example-robot-data, extra `models`), without meshes."""
 
 from pathlib import Path
 
 import pytest
-from scripts.robots_tried import EXPECTED, Expected, verdict
 from tests.robots.stock import installed
+from tests.robots.tried import EXPECTED, Expected, verdict
 
 from optipromp.readers.arm import choose_arm, read_srdf, srdf_beside
 from optipromp.readers.urdf import read_urdf

@@ -1,25 +1,15 @@
-"""Print a table of docs/robots-tried.md: what is made of stock robot files, and is that right?
+"""What stock robot files (package example-robot-data, extra ``models``) should be read as.
 
-    python scripts/robots_tried.py [FOLDER]
-
-FOLDER is ``share/example-robot-data/robots`` of the package example-robot-data (extra ``models``),
-by default the installed one.
 ``EXPECTED`` was written by hand: the joints of each arm, as first and last, and the links that may
-be called its flange. The rule was made with these files at hand, so the page is a record of what
-loads, not a measure of how well the rule does on files that it has not met.
+be called its flange. The rule was made with these files at hand, so this is a record of what loads,
+not a measure of how well the rule does on files that it has not met.
 """
 
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import distribution
-from pathlib import Path
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots.description import Arm
-from optipromp.core.robots.library import load_arm
-
-MODELS = "cmeel.prefix/share/example-robot-data/robots"  # in the folder of installed packages
 
 
 @dataclass(frozen=True)
@@ -109,39 +99,3 @@ def verdict(expected: Expected, choose: Callable[[], Arm]) -> tuple[str, Arm | s
         and (not expected.tool or expected.tool in arm.tool)
     )
     return ("right" if right else "wrong"), arm
-
-
-def row(expected: Expected, folder: Path) -> tuple[str, ...]:
-    """File, joints, flange, tool, what chose, and the verdict."""
-    path = folder / expected.path
-    said, arm = verdict(expected, lambda: load_arm(path)[1])
-    if isinstance(arm, str):
-        tips = ", ".join(f"`{tip}`" for tip in expected.flanges)
-        cells = ("two or more", tips, "", "") if said == "asks" else ("", "", "", arm)
-        return path.name, *(cell.replace(str(path), path.name) for cell in cells), said
-    joints = f"{len(arm.joints)}: `{arm.joints[0]}` to `{arm.joints[-1]}`"
-    more = f" and {len(arm.tool) - 1} more" if len(arm.tool) > 1 else ""
-    tool = f"`{arm.tool[0]}`{more}" if arm.tool else ""
-    return path.name, joints, f"`{arm.tip}`", tool, arm.why, said
-
-
-def models() -> Path:
-    """The installed robots of example-robot-data."""
-    return Path(str(distribution("example-robot-data").locate_file(MODELS)))
-
-
-def main() -> None:
-    """Print the table; exit with 1 when more than one file is neither right nor asked about."""
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else models()
-    rows = [row(expected, folder) for expected in EXPECTED]
-    wrong = sum(cells[-1] == "wrong" for cells in rows)
-    print(f"Right or asked about: {len(rows) - wrong} of {len(rows)}\n")
-    print("| file | arm joints | flange | tool of the file | chosen by | verdict |")
-    print("|---|---|---|---|---|---|")
-    for cells in rows:
-        print(f"| {' | '.join(cells)} |")
-    sys.exit(wrong > 1)
-
-
-if __name__ == "__main__":
-    main()
