@@ -88,10 +88,10 @@ def test_importing_the_package_loads_nothing_heavy() -> None:
 
 
 def test_the_page_on_the_closed_loop_lists_every_number() -> None:
-    page = runpy.run_path(str(ROOT / "scripts/loop_parameters.py"))["page"]
+    page = runpy.run_path(str(ROOT / "scripts/parameters.py"))["loop_page"]
     text = (ROOT / "docs/closed-loop.md").read_text(encoding="utf-8")
     assert text.count("| `loop.period` | 0.02 | s |") == 1
-    assert page(text) == text, "run scripts/loop_parameters.py"
+    assert page(text) == text, "run scripts/parameters.py"
 
 
 def test_every_test_that_the_page_on_robustness_names_is_there() -> None:

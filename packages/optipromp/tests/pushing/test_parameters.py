@@ -9,12 +9,12 @@ import pytest
 from optipromp.core.pushing.parameters import PUSH
 
 ROOT = Path(__file__).resolve().parents[4]
-SCRIPT = runpy.run_path(str(ROOT / "scripts" / "push_parameters.py"))
+SCRIPT = runpy.run_path(str(ROOT / "scripts" / "parameters.py"))
 
 
 def test_the_docs_list_every_number_with_its_value_unit_and_source() -> None:
     page = (ROOT / "docs" / "push-parameters.md").read_text(encoding="utf-8")
-    assert page == SCRIPT["table"](), "run scripts/push_parameters.py"
+    assert page == SCRIPT["push_page"](), "run scripts/parameters.py"
     assert page.count("| `") == sum(len(group) for group in PUSH)
 
 
