@@ -1,6 +1,5 @@
 """Whole plans: our planners over perturbed scenes, and the two strategies beside each other."""
 
-import importlib
 import os
 import time
 from dataclasses import replace
@@ -15,7 +14,6 @@ from benchmarks.registry import (
     Context,
     Measured,
     Metric,
-    NotAvailableError,
     Value,
     Values,
     stopwatch,
@@ -24,7 +22,7 @@ from benchmarks.scenes import many
 from benchmarks.timing import median, paired_ratio, percentile, reference
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.planning import Plan, Planner, plan, warm_up
+from optipromp.core.planning import Plan, Planner, plan, plan_many, warm_up
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import PoseGoal, Scene
@@ -58,12 +56,7 @@ def metrics() -> list[Metric]:
                 Metric(f"{name}/median", "ms", target=typical, about=about),
                 Metric(f"{name}/99th percentile", "ms", target=late),
                 Metric(f"{name}/success", "%", "higher"),
-                Metric(
-                    f"{name}/by fixed work",
-                    RATIO,
-                    tolerance=0.4,
-                    about="fixed work in Python and NumPy",
-                ),
+                Metric(f"{name}/by fixed work", RATIO, tolerance=0.4, about="in Python and NumPy"),
             ]
     return out
 
@@ -194,13 +187,8 @@ MANY = [
 @SUITE.benchmark("many-plans", MANY)
 def many_plans(context: Context) -> Values:
     """Many scenes through one call, on one core and on all."""
-    plan_many = getattr(importlib.import_module("optipromp.core.planning"), "plan_many", None)
-    if plan_many is None:
-        raise NotAvailableError("this version has no optipromp.core.planning.plan_many")
     cores = len(os.sched_getaffinity(0))
-    scenes = many("scenario-3", context.repeats(500, 40)) + many(
-        "scenario-4", context.repeats(500, 40)
-    )
+    scenes = [each for name in SCENES for each in many(name, context.repeats(500, 40))]
     plan_many(scenes[: 4 * cores], workers=cores)
     one, all_ = [], []
     for _ in range(context.repeats(3, 1)):
