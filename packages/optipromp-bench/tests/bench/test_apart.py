@@ -75,7 +75,7 @@ def test_a_changed_judge_is_another_ones() -> None:
     (made,), _ = attempted(replace(TASK, entry=entry(entries.Patcher)))
     dismissed()
     assert made.result == "missed"
-    assert running._judged.__name__ == "_judged"
+    assert running._row.__name__ == "_row"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux has prctl")

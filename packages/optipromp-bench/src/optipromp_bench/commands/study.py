@@ -1,9 +1,9 @@
 """``optipromp study``: planners compared on random scenes in the physics simulation."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 from optipromp.cli.command import Report, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling, seeds_of
@@ -15,13 +15,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from optipromp_bench.experiments.rows import Row
-    from optipromp_bench.experiments.statistics import (
-        Cell,
-        LoopCell,
-        PlanCell,
-        Reliability,
-        StudyCell,
-    )
+    from optipromp_bench.experiments.tables import Told
 
 
 @dataclass(frozen=True)
@@ -159,28 +153,13 @@ def study(
 
 def _report(rows: list["Row"], out: Path) -> Report:
     """Write the results beside the rows, and report them."""
-    from optipromp_bench.experiments.statistics import calibration, loop_summary, summary
+    from optipromp_bench.experiments.statistics import summary
     from optipromp_bench.experiments.study import write_results
+    from optipromp_bench.experiments.tables import cells_in, told
 
-    plans, loops = summary(rows), loop_summary(rows) if any(row.loop for row in rows) else ()
-    cells: Sequence[StudyCell] = loops or plans
-    last = f"wrote rows.csv, {', '.join(write_results(rows, plans, out))} to {out}"
-    shown = []
-    if loops:
-        if any(row.pictures for row in rows):
-            shown.append(table(loops, LOOP_NAMES, EYES, EYES_TITLE))
-        shown.append(table(loops, LOOP_NAMES, LOOP, LOOP_TITLE))
-    else:
-        columns = dict(PLANNER)
-        if max(len(cell.preset) for cell in plans) > 15:  # variations: their names take the width
-            columns = dict(list(columns.items())[:6])
-        if plans[0].changed is not None:  # by a guess of the crop
-            columns["changed"] = _number("changed")
-        shown.append(table(plans, NAMES, columns, TITLE))
-    shown.append(causes(cells, LOOP_NAMES if loops else NAMES))
-    if not loops and (known := calibration(rows)) is not None:
-        shown.append(reliability(known))
-    return Report({"runs": len(rows), "cells": [c.to_dict() for c in cells]}, (*shown, last))
+    files = ", ".join(write_results(rows, summary(rows), out))
+    cells, last = [c.to_dict() for c in cells_in(rows)], f"wrote rows.csv, {files} to {out}"
+    return Report({"runs": len(rows), "cells": cells}, (*map(table, told(rows)), last))
 
 
 def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
@@ -189,95 +168,22 @@ def _names(text: str, all_of_them: Sequence[str]) -> tuple[str, ...]:
     return tuple(part.strip() for part in text.split(",") if part.strip())
 
 
-TITLE = """%: promised and picked, nothing harmed, in the simulation; 95 %: Wilson's interval
-0.3.0: the same where a stem bears 2 N, not what is cited of the crop (strawberry 10 N)
-plans: those that promised it, broken: of these; all: picked if no refusal is heeded; torn: runs
-plan, cycle: median seconds of planning, and of motion with the way out
-clean: all seconds over clean picks"""
-LOOP_TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
-0.3.0: the same where a stem bears 2 N, not what is cited of the crop (strawberry 10 N)
-harmed, gave up, refused, missed [%]; back: retreats; s: median duration
-clean: seconds a clean pick"""
-EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool at the end (95 %:
-Wilson's interval), something harmed; recall [%] of visible fruits in the pictures before the plan;
-false: wrong detections a run; see: median processor time of seeing [s]"""
-NAMES, LOOP_NAMES = ("preset", "planner"), ("preset", "condition", "loop")
-C = TypeVar("C", bound="Cell")
-
-
-def _number(name: str, digits: int = 0) -> "Callable[[Cell], str]":
-    """A figure with so many decimals; a dash where there is none."""
-
-    def column(cell: "Cell") -> str:
-        value = getattr(cell, name)
-        return "–" if value is None else f"{value:.{digits}f}"
-
-    return column
-
-
-def _share(name: str) -> "Callable[[Cell], str]":
-    """A count in percent of the runs."""
-    return lambda cell: f"{100 * getattr(cell, name) / cell.runs:.3g}"
-
-
-PLANNER: "Mapping[str, Callable[[PlanCell], str]]" = {
-    "n": _number("runs"), "0.3.0": lambda cell: f"{100 * cell.kept_before / cell.runs:.1f}",
-    "%": lambda cell: f"{100 * cell.rate:.1f}",
-    "95 %": lambda cell: cell.interval, "plans": _number("plans"), "broken": _number("broken"),
-    "all": _number("successes"), "torn": _number("torn"), "plan": _number("plan_time", 2),
-    "cycle": _number("cycle", 1), "clean": _number("clean_seconds", 1),
-}  # fmt: skip
-LOOP: "Mapping[str, Callable[[LoopCell], str]]" = {
-    "n": _number("runs"), "0.3.0": _share("kept_before"), "%": _share("clean"),
-    "95 %": lambda cell: cell.interval, "harm": _share("harmed"), "gave": _share("gave_up"),
-    "ref": _share("refused"), "miss": _share("missed"), "s": _number("duration", 1),
-    "clean": _number("clean_seconds", 1), "back": _number("retreats"),
-}  # fmt: skip
-EYES: "Mapping[str, Callable[[LoopCell], str]]" = {
-    "n": _number("runs"), "seen": _share("seen"), "planned": _share("planned"),
-    "picked": _share("picked"),
-    "95 %": lambda cell: "–".join(f"{100 * end:.0f}" for end in cell.picked_interval),
-    "harm": _share("harmed"),
-    "recall": lambda cell: f"{100 * cell.found / cell.visible:.3g}" if cell.visible else "–",
-    "false": lambda cell: f"{cell.false / cell.runs:.2f}" if cell.visible else "–",
-    "see": _number("see_time", 2),
-}  # fmt: skip
-
-
-def table(
-    cells: Sequence[C], names: Sequence[str], columns: Mapping[str, Callable[[C], str]], title: str
-) -> "Table":
-    """Cells as rows of a table: their names, then the columns. A name is not repeated below itself.
-    A line parts the presets."""
-    out = grid(names, list(columns), title=title, padding=(0, 0))
+def table(told: "Told") -> "Table":
+    """A table of a study. A name is not repeated below itself; a line parts the first names."""
+    count, heads, lines = told.names, told.heads, told.lines
+    if count == 2 and max(len(line[0]) for line in lines) > 15:  # variations have long names
+        few = [k for k, head in enumerate(heads) if k < 8 or head == "changed"]
+        heads, lines = [heads[k] for k in few], [[line[k] for k in few] for line in lines]
+    out = grid(heads[:count], heads[count:], title=told.title, padding=(0, 0))
     before: list[str] = []
-    for cell in cells:
-        own = [getattr(cell, name) for name in names]
+    for line in lines:
+        own = line[:count]
         if before and before[0] != own[0]:
             out.add_section()
         same = [before[: k + 1] == own[: k + 1] for k in range(len(own) - 1)]
-        words = ["" if alike else name for alike, name in zip([*same, False], own, strict=True)]
-        out.add_row(*words, *(column(cell) for column in columns.values()))
+        words = ["" if alike else name for alike, name in zip([*same, False], own, strict=False)]
+        out.add_row(*words, *line[count:])
         before = own
-    return out
-
-
-def causes(cells: Sequence["StudyCell"], names: Sequence[str]) -> "Table":
-    """Why runs failed, most frequent first."""
-    title = "causes of failure, a run may have several"
-    out = table(cells, names, {"failed by": lambda cell: cell.failed_by}, title)
-    out.columns[-1].justify, out.columns[-1].no_wrap = "left", False
-    return out
-
-
-def reliability(found: "Reliability") -> "Table":
-    """Predicted probabilities against outcomes: the rate of failure in each bin."""
-    title = (
-        f"not clean, predicted and counted [%]; AUC {found.auc:.2f}; of {found.successes} plans "
-        f"that promise success {found.failed} failed"
-    )
-    head = "predicted", "n", "mean", "failed", "%", "95 %"
-    out = grid((), head, title=title, padding=(0, 0))
-    for row in found.rows():
-        out.add_row(*row)
+    if heads[-1] == "failed by":
+        out.columns[-1].justify, out.columns[-1].no_wrap = "left", False
     return out

@@ -16,6 +16,7 @@ from optipromp.looks.reports import made_with, page, paragraph, picture, section
 from optipromp_bench.experiments import statistics
 from optipromp_bench.experiments.rows import ERROR, NO_PLAN, Row, rows_of
 from optipromp_bench.experiments.study import file_of, settings_of, study_picture
+from optipromp_bench.experiments.tables import told
 from optipromp_bench.experiments.trials import FOLDER, again
 from optipromp_eyes.pictures import png_file
 from optipromp_sim.generate import PANDA
@@ -47,52 +48,15 @@ def study_report(
         f"{kept} of {len(rows)} were promised, picked the target and harmed nothing, in the "
         f"physics simulation; {plans - kept} of {plans} promises were broken."
     )
-    found, by_crop = statistics.calibration(rows), rows[0].variation == AS_CROP
     parts = [
         head,
-        section(
-            "Success", picture(study_picture(cells), "Shares with their intervals", "svg+xml"),
-            table(_rates(cells), ("preset", "planner", "runs", "kept by 0.3.0",
-                                  "promised and picked", "95 % (Wilson)", "broken promises", "95 %",
-                                  "picked if executed although refused",
-                                  "median force on unripe", "90 %", "time to plan",
-                                  *(["runs that it changes"] if by_crop else []))),
-        ),
-        section(
-            "Causes of failure",
-            table([(cell.preset, cell.planner, cell.failed_by) for cell in cells],
-                  ("preset", "planner", "failed by (a run may have several)")),
-        ),
-        *_prediction(found),
+        section("Shares", picture(study_picture(cells), "Shares with their intervals", "svg+xml")),
+        section("Tables", *(paragraph(t.title) + table(t.lines, t.heads) for t in told(rows))),
         *_worst(rows, worst, progress, robot, settings),
         section("Settings", table([(k, _told(v)) for k, v in settings.items() if k != FOLDER])),
         made_with(_study_command(rows, robot, settings), {}),
     ]  # fmt: skip
     return page(title, parts)
-
-
-def _rates(cells: Sequence[statistics.PlanCell]) -> list[tuple[str, ...]]:
-    return [
-        (c.preset, c.planner, str(c.runs), str(c.kept_before), f"{c.kept} ({100 * c.rate:.1f} %)",
-         f"{c.interval} %", f"{c.broken} of {c.plans}",
-         f"{statistics.percent(c.broken_low, c.broken_high)} %", str(c.successes),
-         _newton(c.unripe_force), _newton(c.unripe_force_90), f"{1e3 * c.plan_time:.0f} ms",
-         *([] if c.changed is None else [str(c.changed)]))
-        for c in cells
-    ]  # fmt: skip
-
-
-def _prediction(found: statistics.Reliability | None) -> list[str]:
-    if found is None:
-        return []
-    words = (
-        f"Of {found.successes} plans that promise success {found.failed} failed. A failed run had "
-        "a larger predicted probability than a successful one with probability "
-        f"{found.auc:.2f} (AUC)."
-    )
-    head = "not clean, predicted [%]", "runs", "mean [%]", "failed", "rate [%]", "95 % [%]"
-    shown = table(found.rows(), head)
-    return [section("Predicted probability and what happened", paragraph(words), shown)]
 
 
 def worst_of(rows: Sequence[Row], count: int) -> list[Row]:
@@ -192,7 +156,3 @@ def _told(value: object) -> str:
     if isinstance(value, Mapping):
         return str(value.get("name", ", ".join(value)))
     return _UNSAID.sub("", str(value)).replace("Choice(", "(").removesuffix(" ()") or "its own"
-
-
-def _newton(value: float | None) -> str:
-    return "–" if value is None else f"{value:.2f} N"

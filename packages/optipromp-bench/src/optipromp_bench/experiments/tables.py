@@ -10,7 +10,7 @@ import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, create_model
@@ -21,7 +21,10 @@ from optipromp_bench.experiments.kinds import Kind, kind_of
 from optipromp_bench.experiments.rows import Row, rows_of
 from optipromp_bench.experiments.statistics import (
     ALL,
+    Cell,
     LoopCell,
+    PlanCell,
+    StudyCell,
     calibration,
     loop_summary,
     share,
@@ -182,3 +185,106 @@ def loops_told(cells: Sequence[tuple[str, LoopCell]], paired: list[list[Any]]) -
 
 
 TABLES: Mapping[str, Callable[[Path, Sequence[str]], str]] = {"plans": plans, "loops": loops}
+
+
+TITLE = """%: promised and picked, nothing harmed, in the simulation; 95 %: Wilson's interval
+0.3.0: the same where a stem bears 2 N, not what is cited of the crop (strawberry 10 N)
+plans: those that promised it, broken: of these; all: picked if no refusal is heeded; torn: runs
+plan, cycle: median seconds of planning, and of motion with the way out
+clean: all seconds over clean picks"""
+LOOP_TITLE = """%: clean: picked, nothing harmed, in the simulation; 95 %: Wilson's interval
+0.3.0: the same where a stem bears 2 N, not what is cited of the crop (strawberry 10 N)
+harmed, gave up, refused, missed [%]; back: retreats; s: median duration
+clean: seconds a clean pick"""
+EYES_TITLE = """% of runs: a ripe fruit seen, a plan made, the fruit in the tool at the end (95 %:
+Wilson's interval), something harmed; recall [%] of visible fruits in the pictures before the plan;
+false: wrong detections a run; see: median processor time of seeing [s]"""
+NAMES, LOOP_NAMES = ("preset", "planner"), ("preset", "condition", "loop")
+
+
+def _number(name: str, digits: int = 0) -> Callable[[Cell], str]:
+    """A figure with so many decimals; a dash where there is none."""
+
+    def column(cell: Cell) -> str:
+        value = getattr(cell, name)
+        return "–" if value is None else f"{value:.{digits}f}"
+
+    return column
+
+
+def _share(name: str) -> Callable[[Cell], str]:
+    """A count in percent of the runs."""
+    return lambda cell: f"{100 * getattr(cell, name) / cell.runs:.3g}"
+
+
+def _causes(cell: StudyCell) -> str:
+    return cell.failed_by
+
+
+PLANNER: Mapping[str, Callable[[PlanCell], str]] = {
+    "n": _number("runs"), "0.3.0": lambda cell: f"{100 * cell.kept_before / cell.runs:.1f}",
+    "%": lambda cell: f"{100 * cell.rate:.1f}",
+    "95 %": lambda cell: cell.interval, "plans": _number("plans"), "broken": _number("broken"),
+    "all": _number("successes"), "torn": _number("torn"), "plan": _number("plan_time", 2),
+    "cycle": _number("cycle", 1), "clean": _number("clean_seconds", 1),
+}  # fmt: skip
+LOOP: Mapping[str, Callable[[LoopCell], str]] = {
+    "n": _number("runs"), "0.3.0": _share("kept_before"), "%": _share("clean"),
+    "95 %": lambda cell: cell.interval, "harm": _share("harmed"), "gave": _share("gave_up"),
+    "ref": _share("refused"), "miss": _share("missed"), "s": _number("duration", 1),
+    "clean": _number("clean_seconds", 1), "back": _number("retreats"),
+}  # fmt: skip
+EYES: Mapping[str, Callable[[LoopCell], str]] = {
+    "n": _number("runs"), "seen": _share("seen"), "planned": _share("planned"),
+    "picked": _share("picked"),
+    "95 %": lambda cell: "–".join(f"{100 * end:.0f}" for end in cell.picked_interval),
+    "harm": _share("harmed"),
+    "recall": lambda cell: f"{100 * cell.found / cell.visible:.3g}" if cell.visible else "–",
+    "false": lambda cell: f"{cell.false / cell.runs:.2f}" if cell.visible else "–",
+    "see": _number("see_time", 2),
+}  # fmt: skip
+
+
+class Told(NamedTuple):
+    """A table of a study."""
+
+    title: str  # what its columns are
+    heads: list[str]
+    lines: list[list[str]]
+    names: int  # of columns, the first, that name a line
+
+
+def cells_in(rows: Sequence[Row]) -> Sequence[PlanCell | LoopCell]:
+    """The figures of a study of loops, else of one of plans."""
+    return loop_summary(rows) if any(row.loop for row in rows) else summary(rows)
+
+
+def told(rows: Sequence[Row]) -> list[Told]:
+    """What a study of plans or of loops came to, why runs failed, and what was predicted."""
+    cells = cells_in(rows)
+    looping, known = isinstance(cells[0], LoopCell), calibration(rows)
+    names = LOOP_NAMES if looping else NAMES
+    parts: list[tuple[str, Mapping[str, Callable[[Any], str]]]] = [(TITLE, PLANNER)]
+    if looping:
+        parts = [(EYES_TITLE, EYES)] if any(row.pictures for row in rows) else []
+        parts.append((LOOP_TITLE, LOOP))
+    elif summary(rows)[0].changed is not None:  # by a guess of the crop
+        parts = [(TITLE, {**PLANNER, "changed": _number("changed")})]
+    parts.append(("causes of failure, a run may have several", {"failed by": _causes}))
+    out = [
+        Told(
+            title, [*names, *columns],
+            [[*(getattr(c, n) for n in names), *(column(c) for column in columns.values())]
+             for c in cells],
+            len(names),
+        )
+        for title, columns in parts
+    ]  # fmt: skip
+    if known is not None and not looping:
+        title = (
+            f"not clean, predicted and counted [%]; AUC {known.auc:.2f}; of {known.successes} "
+            f"plans that promise success {known.failed} failed"
+        )
+        heads = ["predicted", "n", "mean", "failed", "%", "95 %"]
+        out.append(Told(title, heads, list(map(list, known.rows())), 0))
+    return out
