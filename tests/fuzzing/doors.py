@@ -558,15 +558,17 @@ def answers(random: Random) -> Mutant:
             listening.settimeout(5.0)
 
             def answer() -> None:
-                caller, _ = listening.accept()
-                with caller, caller.makefile("rwb") as stream:
+                with (
+                    suppress(OSError), listening.accept()[0] as caller,
+                    caller.makefile("rwb") as stream,
+                ):  # fmt: skip
                     for line in (b"{}", *lines):
                         if not stream.readline():
                             return
                         stream.write(line + (b"\n" if line == b"{}" else ends))
                         stream.flush()
 
-            thread = threading.Thread(target=lambda: _quiet(answer), daemon=True)
+            thread = threading.Thread(target=answer, daemon=True)
             thread.start()
             policy = Served(f"127.0.0.1:{listening.getsockname()[1]}")
             try:
@@ -583,13 +585,6 @@ def answers(random: Random) -> Mutant:
         return "success"
 
     return Mutant("tcp answers", {}, act)
-
-
-def _quiet(call: Callable[[], None]) -> None:
-    try:
-        call()
-    except OSError:
-        return
 
 
 def episode_options(random: Random) -> Mutant:
@@ -627,8 +622,5 @@ def warm_doors(kinds: list[str]) -> None:
     """Make beforehand what is made once; load what the doors of some kinds need."""
     for _, make in DOORS:
         if make.__name__ in kinds:
-            with TemporaryDirectory() as name:
-                try:
-                    make(Random(0)).run(Path(name))
-                except Exception:
-                    continue  # the hunt tells of it
+            with TemporaryDirectory() as name, suppress(Exception):  # the hunt tells of it
+                make(Random(0)).run(Path(name))
