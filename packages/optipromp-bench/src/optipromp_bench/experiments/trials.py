@@ -419,8 +419,10 @@ def _tried(
     made, setting = planned(row.planner)
     row = replace(row, **cast(Pictures, setting.figures))
     if made is None:
-        told = {"cause": NOT_SEEN, "message": "no ripe fruit is seen", "result": "gave_up"}
-        return replace(row, plan_status=str(Code.NO_PLAN), **told), None
+        return replace(
+            row, plan_status=str(Code.NO_PLAN), cause=NOT_SEEN, message="no ripe fruit is seen",
+            result="gave_up",
+        ), None  # fmt: skip
     row = replace(
         row, plan_status=str(made.status), plan_time=made.seconds, predicted_harm=made.harm,
         predicted_failure=made.failure, tilt=made.tilt,
