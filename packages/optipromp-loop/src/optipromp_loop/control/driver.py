@@ -161,7 +161,7 @@ def faded(away: Sequence[FloatArray], blend: float, times: FloatArray) -> FloatA
     return np.asarray(value * away[0] + blend * rate * away[1] + blend**2 * bend * away[2])
 
 
-KNOTS = 0.05 * np.arange(1.0, 9.0)  # [s] of a curve until the end of the common blends: a choice
+GAP = 0.025  # [s] from the begin of a curve to its next waypoint, at least: a choice
 STEP = 0.02  # [s] of the differences that tell how the moved path moves: a choice
 
 
@@ -174,9 +174,8 @@ def _path(
     made, robot, tail = route.trajectory, route.robot, parameters.tail
     rows = (made.times - phase) * rate
     end = max(float(rows[-1]), parameters.blends[0])
-    times = np.concatenate([KNOTS, rows[rows > KNOTS[-1] + 0.5 * KNOTS[0]], [end]])
     rest = tail * np.array([1.0, 2.0, 3.0]) / 3.0  # the plant's motion fades in the tail
-    times = np.append(times[times < end - 0.5 * KNOTS[0]], [end, *(end + rest)])
+    times = np.append(rows[(rows > GAP) & (rows < end - GAP)], [end, *(end + rest)])
     at = np.concatenate([[-STEP, 0.0, STEP], times])
     late = np.clip(at - end, 0.0, tail)
     q, _, _ = made.sample(phase + at / rate)
