@@ -136,10 +136,8 @@ def paths_figure(one: Shadowed) -> "Figure":
     """Our planner's reach of a pick, and the tool path of the recorded one; that one alone, where
     we have none."""
     assert one.theirs is not None
-    curve, made = (
-        one.theirs.reach.trajectory,
-        one.ours if isinstance(one.ours, Picked) else one.theirs,
-    )
+    made = one.ours if isinstance(one.ours, Picked) else one.theirs
+    curve = one.theirs.reach.trajectory
     times = np.linspace(0.0, curve.duration, made.reach.trajectory.n_waypoints)
     beside = Trajectory(times, *curve.sample(times), curve.joint_names)
     both = replace(made.reach, initial=beside, followed=beside, via=())

@@ -5,7 +5,6 @@ A recording is a JSON or YAML file with a table (``docs/shadow.md``), or a bag o
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +40,7 @@ class CutParameters(Checked):
     window: float = parameter(0.2, "s", "choice", "over which the slope of a joint is taken")
     still: float = parameter(0.03, "rad/s or m/s", "choice", "below it, every joint stands")
     away: float = parameter(RETREAT, "m", "choice", "of a pick's begin and end from its grasp")
+    longest: float = parameter(120.0, "s", "choice", "from a grasp to the pick's begin or end")
     closes: float = parameter(0.2, "1", "choice", "share of the gripper's range that closes it")
     opens: float = parameter(0.1, "1", "choice", "share below which it is open again")
 
@@ -99,7 +99,7 @@ def load_recorded(
 
     ``path``: JSON or YAML as ``docs/shadow.md`` has it, or a bag. ``scene``: whose robot was
     recorded. ``gripper``: joint that closes the gripper. ``marks``: a file with the ``picks``, in
-    place of the gripper. ``bag``: further arguments of ``optipromp_ros.shadow.load_picks``.
+    place of the gripper. ``bag``: further arguments of the part ``load_picks``.
 
     Raises:
         InvalidRequestError: no recording; neither marks nor a gripper.
@@ -187,8 +187,9 @@ def span_of(arm: Measured, robot: Robot, mark: Mark, before: float, after: float
     parts = (one for one in arm.series() if one.times[0] <= mark.closed <= one.times[-1])
     if (whole := next(parts, None)) is None:
         raise InvalidRequestError(f"no joint states came at {mark.closed:.2f} s, when it closed")
-    low = max(before, float(whole.times[0]))
-    high = min(after, float(whole.times[-1]), inf if mark.end is None else mark.end)
+    low = max(before, float(whole.times[0]), mark.closed - CUT.longest)
+    high = min(after, float(whole.times[-1]), mark.closed + CUT.longest)
+    high = high if mark.end is None else min(high, mark.end)
     times = np.arange(low, max(high, mark.closed) + 0.5 * CUT.step, CUT.step)
     q, half = whole.at(times), round(0.5 * CUT.window / CUT.step)
     wide = np.pad(q, ((half, half), (0, 0)), mode="edge")
@@ -204,8 +205,8 @@ def span_of(arm: Measured, robot: Robot, mark: Mark, before: float, after: float
     if last - first < 2:
         raise InvalidRequestError("the arm did not move before its gripper closed")
     end = at + int(np.argmax(far[at:])) if far[at:].any() and mark.end is None else len(q) - 1
-    known = whole.times[(whole.times >= times[first]) & (whole.times <= times[end])]
-    if (gap := float(np.diff(known).max())) > GAP:
+    rows = np.searchsorted(whole.times, times[[first, end]])
+    if (gap := float(np.diff(whole.times[max(rows[0] - 1, 0) : rows[1] + 1]).max())) > GAP:
         raise InvalidRequestError(f"where the arm was is unknown: no joint states for {gap:.2f} s")
     reach = Trajectory.through(q[first : last + 1], CUT.step, robot.joint_names)
     out, leaving = None, at + np.flatnonzero(~still[at : end + 1])
