@@ -25,8 +25,8 @@ from optipromp.core.files import json_text, read_npz, write_atomically
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.io import save_scene, scene_to_dict
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import CURVE, Trajectory
-from optipromp_bench.episode import RATE, as_it_came, driven
+from optipromp.core.trajectory import CURVE, Trajectory, chained
+from optipromp_bench import episode
 from optipromp_bench.experiments.statistics import share
 from optipromp_bench.sets import scene_of
 from optipromp_bench.tracks import BACK
@@ -36,9 +36,8 @@ from optipromp_loop.shadow.recording import load_recorded
 from optipromp_sim.simulation import DETECTORS, Detector
 from optipromp_sim.simulation.detector import Truth
 
-STEP = 0.01  # [s] of the joint states
-STAND = 60  # steps before a pick, with ten looks, and at the grasp
-HOME = 200  # steps of the way back to the start
+RATE = 100.0  # [Hz] of the joint states
+STAND, HOME = 0.6, 2.0  # [s] before a pick and at the grasp; of the way back to the start
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,55 +67,51 @@ def picks_of(folder: Path) -> list[Done]:
         if "arm" in found:  # the velocities of a policy
             q = [state.q]
             for action in found["arm"]:
-                (state,) = driven(robot, state, action, 1.0 / RATE, 1)
+                (state,) = episode.driven(robot, state, action, 1.0 / episode.RATE, 1)
                 q.append(state.q)
-            reach = Trajectory.through(np.array(q), 1.0 / RATE, robot.joint_names)
+            reach = Trajectory.through(np.array(q), 1.0 / episode.RATE, robot.joint_names)
         else:
             reach = Trajectory(*(found[key] for key in CURVE), robot.joint_names)
-        back = [found[key] for key in BACK if key in found]
-        out.append(
-            Done(
-                scene, reach, row["result"], Trajectory(*back, robot.joint_names) if back else None
-            )
-        )
+        rows = [found[key] for key in BACK if key in found]
+        back = Trajectory(*rows, robot.joint_names) if rows else None
+        out.append(Done(scene, reach, row["result"], back))
     return out
 
 
 def record(picks: Sequence[Done], file: Path, detector: str) -> None:
     """Leave the recording of picks, one after the other, and its table."""
-    robot, q, looks = posed(picks[0].scene)[0], list[Any](), list[dict[str, Any]]()
-    finger = list[float]()
+    robot, names = posed(picks[0].scene)[0], picks[0].reach.joint_names
+    parts, looks, shut = list[Trajectory](), list[dict[str, Any]](), list[tuple[float, float]]()
     for k, one in enumerate(picks):
         eye, none = Detector(one.scene, robot, DETECTORS[detector], k), np.zeros((0, 3))
-        begin, end = one.reach.positions[[0, -1]]
-        for n in range(10):
-            time = STEP * (len(q) + 5 * n)
+        (begin, end), now = one.reach.positions[[0, -1]], sum(part.duration for part in parts)
+        for time in now + 0.05 * np.arange(10):
             look = eye.expose(time, begin, Truth((), none, np.zeros((0, 3, 3)), ()))
             items = scene_to_dict(replace(one.scene, objects=look.in_base()))["objects"]
             where = {key: getattr(look.camera, key) for key in ("position", "orientation")}
             looks.append({"time": time, "objects": items, "camera": where})
-        back = one.back or as_it_came(robot, one.reach.positions)
-        there, out = (way.resample(1.0 / STEP).positions for way in (one.reach, back))
-        opened = [begin] * STAND, there, [end] * (STAND // 2)
-        shut = [end] * (STAND // 2), out
-        home = np.linspace(out[-1], begin, HOME)
-        for parts, value in ((opened, 0.04), (shut, 0.01), ([home], 0.04)):
-            q += [row for part in parts for row in part]
-            finger += [value] * (len(q) - len(finger))
-    table, head = file.with_suffix(".csv"), ",".join(["time", *robot.joint_names, "finger"])
-    rows = np.column_stack([STEP * np.arange(len(q)), np.array(q), finger])
+        back = one.back or episode.as_it_came(robot, one.reach.positions)
+        stand, grasp = (Trajectory.still(q, (0.0, STAND), names) for q in (begin, end))
+        home = Trajectory.through(np.array([back.positions[-1], begin]), HOME, names)
+        parts += [stand, one.reach, grasp, back, home]
+        closed = now + 1.5 * STAND + one.reach.duration
+        shut.append((closed, closed + 0.5 * STAND + back.duration))
+    line = chained(parts).resample(RATE)
+    finger = [0.04 - 0.03 * any(a <= time < b for a, b in shut) for time in line.times]
+    table, head = file.with_suffix(".csv"), ",".join(["time", *names, "finger"])
+    rows = np.column_stack([line.times, line.positions, finger])
     np.savetxt(table, rows, delimiter=",", header=head, comments="", fmt="%.8g")
     document = {"joint_states": table.name, "gripper": "finger", "looks": looks}
     write_atomically(file, json_text(document).encode())
 
 
-def told(rows: Sequence[tuple[Done, Shadowed]], what: str) -> str:
-    """Recall and false alarms of some picks, in a line."""
+def told(rows: Sequence[tuple[Done, Shadowed]]) -> str:
+    """Recall and false alarms of the picks so far, in a line."""
     known = [(one.result, beside.harmful) for one, beside in rows if not beside.why]
     harmed = [alarm for result, alarm in known if result == "harmed"]
     clean, missed = (sum(a for r, a in known if r == name) for name in ("clean", "missed"))
     return (
-        f"{what}: {len(known)} of {len(rows)} picks judged, {len(harmed)} harmed; recall "
+        f"{len(known)} of {len(rows)} picks judged, {len(harmed)} harmed; recall "
         f"{share(sum(harmed), len(harmed))} %; false alarms {share(clean, len(known))} % of "
         f"picks, and {missed} that missed the target"
     )
@@ -134,16 +129,13 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     every = list[tuple[Done, Shadowed]]()
     for folder in given.results:
-        mine = list[tuple[Done, Shadowed]]()
         for k, (_, group) in enumerate(groupby(sorted(picks_of(folder), key=still), still)):
             picks, file = list(group), given.out / f"{folder.name}-{k}.json"
             known = without_fruits(picks[0].scene)
             save_scene(known, file.with_suffix(".yaml"))
             record(picks, file, given.detector)
-            mine += zip(picks, shadowed(load_recorded(file, known), known), strict=True)
-        print(told(mine, folder.name), flush=True)
-        every += mine
-    print(told(every, "all"))
+            every += zip(picks, shadowed(load_recorded(file, known), known), strict=True)
+        print(told(every), flush=True)
 
 
 if __name__ == "__main__":

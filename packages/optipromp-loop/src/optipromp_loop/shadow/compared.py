@@ -17,7 +17,7 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError
 from optipromp.core.files import plain
 from optipromp.core.judging import RATES
 from optipromp.core.planning import Picked, Plan, PlanOptions
-from optipromp.core.planning.leg_tasks import aimed, leg, leg_task, stands
+from optipromp.core.planning.leg_tasks import aimed, leg, leg_task
 from optipromp.core.planning.legs import plan_whole, takes
 from optipromp.core.planning.result import REACH, RETREAT
 from optipromp.core.planning.task import posed, resolve, tool_motion
@@ -62,7 +62,8 @@ class Shadowed:
         """The largest distance between the two tool paths of the reach [m]; nan: one is missing."""
         if self.theirs is None or not isinstance(self.ours, Picked):
             return math.nan
-        between = cdist(tool_path(self.theirs.reach), tool_path(self.ours.reach))
+        reaches = self.theirs.reach, self.ours.reach
+        between = cdist(*(tool_motion(one.robot, one.trajectory.positions)[0] for one in reaches))
         return float(max(between.min(axis=0).max(), between.min(axis=1).max()))
 
     @property
@@ -72,8 +73,8 @@ class Shadowed:
         if span is not None:
             out[0] = span.closed - span.start, span.end - span.closed if span.out else math.nan
         if self.tried is not None:
-            legs = [one.duration for one in self.tried.legs.values()]
-            out[1, : len(legs)] = legs
+            reach, *later = [one.duration for one in self.tried.legs.values()]
+            out[1] = reach, sum(later) if later else math.nan
         return out
 
     def to_dict(self) -> dict[str, Any]:
@@ -86,11 +87,6 @@ class Shadowed:
             "theirs": self.theirs and told(self.theirs), "ours": self.ours and told(self.ours),
             "seconds": {"recorded": recorded, "ours": ours},
         }))  # fmt: skip
-
-
-def tool_path(reach: Plan) -> FloatArray:
-    """Points (P, 3) of the tool along a reach [m]."""
-    return tool_motion(reach.robot, reach.trajectory.positions)[0]
 
 
 def push_of(made: Picked) -> Prediction | None:
@@ -141,7 +137,7 @@ def _beside(made: Shadowed, span: Span, scene: Scene, risk: float) -> Shadowed:
     """A pick with both motions in a scene, whose target is what the gripper closed on."""
     theirs, notes = recorded_pick(scene, span, risk), list[str]()
     if RETREAT not in theirs.legs:
-        why = "was not recorded" if span.out is None else "is not predicted of this tool and target"
+        why = "was not recorded" if span.out is None else "is not predicted of this tool"
         notes.append(f"its way out {why}: its harm is told to the grasp alone")
     made = replace(made, theirs=theirs, notes=tuple(notes))
     try:
@@ -182,7 +178,7 @@ def recorded_pick(scene: Scene, span: Span, risk: float) -> Picked:
     way = replace(scene.approach, direction=axis, shift=point - scene.target.position)
     task = replace(resolve(replace(scene, approach=way)), risk=risk)
     legs = {REACH: _as_done(leg(task, span.reach, 0.0))}
-    if span.out is not None and takes(scene, task.robot) and not stands(scene):
+    if span.out is not None and takes(scene, task.robot):
         legs[RETREAT] = _as_done(leg(leg_task(legs[REACH], RETREAT, span.out), span.out, 0.0))
     return Picked(legs)
 

@@ -148,7 +148,7 @@ def recorded(
     if not looks:
         lacks.append("detections: no pick can be judged")
     elif not any(item.stem for look in looks for item in look.detections):
-        lacks.append("stems: each is taken to lead upwards, and is as uncertain")
+        lacks.append("stems: each fruit is taken to hang from one that leads upwards")
     if blind := sum(look.view == UNKNOWN_VIEW for look in looks):
         told = f"where the camera was, in {blind} of {len(looks)} looks"
         lacks.append(f"{told}: a fruit that such a look does not show may be there")
