@@ -95,7 +95,7 @@ def compile_push_model() -> None:
     model = task.push_model(task.robot.home)
     assert isinstance(model, Hanging)
     path = model.candidates.path(model.candidates.spread(0)[0])
-    model.predict(path.points, path.points)
-    Leaving(model, path.points, path.points).predict(path.points[::-1], path.points)
+    assert model.predict(path.points, path.points).told
+    assert Leaving(model, path.points, path.points).predict(path.points[::-1], path.points).told
     home = task.robot.home[None]
     collision.way(task, home, home, np.random.default_rng(0))

@@ -428,7 +428,7 @@ def clear(s, points, axes, cup):
     return True
 
 
-@inner
+@inlined
 def _advance(s, f, c, d, step, solid):
     """Let the fruits swing on, then bring them to their equilibrium with the cup of this step."""
     for i in range(len(f.up)):
@@ -527,23 +527,9 @@ def led(
 
 @kernel
 def summed_score(
-    s,
-    count,
-    states,
-    points,
-    axes,
-    dt,
-    cup,
-    solid,
-    hopeless,
-    worst,
-    seen,
-    leaves,
-    speed,
-    total,
-    begin,
-    kept,
-):
+    s, count, states, points, axes, dt, cup, solid, hopeless, worst, seen, leaves, speed, total,
+    begin, kept,
+):  # fmt: skip
     """Sum of the scores of a path over sampled states of the same fruits.
 
     ``s``: the stems, one state after the other. ``states``: the first state of the sum, and the
