@@ -10,7 +10,7 @@ import pytest
 
 from optipromp.core.errors import Code, InvalidSceneError
 from optipromp.core.judging import Violation
-from optipromp.core.planning import Plan
+from optipromp.core.planning.result import Plan, Said
 from optipromp.core.scenes.io import load_scene
 from optipromp.looks.appearance import hex_colour, object_parts
 from optipromp.looks.viewer.sentences import complaint, sentences
@@ -61,7 +61,7 @@ def test_every_code_has_words_and_none_is_shown(made: Plan) -> None:
     assert set(WORDS) == set(Code)
     for code in Code:
         assert not re.search("[A-Z_]{2,}", head(code)), code
-        failed = replace(made, status=code, reason=f"after {code}: the arm <stops>")
+        failed = replace(made, status=code, said=Said(f"after {code}: the arm <stops>"))
         told = tabs.of_plan(failed, "planned in 3 ms", {})
         shown = re.sub("<[^>]*>", " ", told.html())
         assert not re.search("[A-Z]{2,}", shown), shown

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Gt, Unit
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.compiled import inner
+from optipromp.core.compiled import called
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.judging import Metrics, Violation
 from optipromp.core.optimization.costs.joints import VelocityCost
@@ -163,7 +163,7 @@ class PushCost(Cost):
         )
 
 
-@inner
+@called
 def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, force, stiffness):
     """F_p = ∫_{t1}^{T} Σ_a w_a (frame_a·(fk − X_g))² dt by the trapezoid rule."""
     total, last = 0.0, points.shape[0] - 1
@@ -179,7 +179,7 @@ def push_quadratic(points, tool, goal, frame, axis_weights, dt, first, scale, fo
     return total
 
 
-@inner
+@called
 def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force, _stiffness):
     """The authors' Σ_t 1/|y_g·(fk − X_g)|, kept finite: Σ_t (y² + softening²)^(-1/2).
 

@@ -12,7 +12,7 @@ from optipromp.core.errors import Code
 from optipromp.core.geometry import Sphere
 from optipromp.core.judging.speed import FASTER, NEAR, PUSHED
 from optipromp.core.planning.verdict import Verdict
-from optipromp.core.pushing.model import Prediction
+from optipromp.core.pushing.model import Prediction, Told
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import SceneObject, Stem
@@ -98,9 +98,9 @@ def test_too_fast_is_no_success_and_harm_stays_harm(gantry: Robot) -> None:
     found = judged(gantry, upward(gantry, lambda h: 0.4))
     alone = replace(found, violations=tuple(speeds(found)))
     for harm, code in ((0.1, Code.INVALID_PLAN), (2.0, Code.HARM_PREDICTED)):
-        verdict = Verdict(alone, Prediction(harm, 1.0, "n", "is crushed"))
+        verdict = Verdict(alone, Prediction(harm, 1.0, lambda: Told("n", "is crushed")))
         assert verdict.status is code
         assert "m/s among fruits" in verdict.message
     assert "harm is predicted: n is crushed" in verdict.message
     both = replace(found, violations=(*alone.violations, judging.Violation("goal", "far")))
-    assert Verdict(both, Prediction(2.0, 1.0, "n", "")).status is Code.INVALID_PLAN
+    assert Verdict(both, Prediction(2.0, 1.0)).status is Code.INVALID_PLAN

@@ -346,7 +346,12 @@ def test_the_notes_of_a_plan_are_fields_and_its_message_has_them(tmp_path: Path)
     assert "note" not in made.reason
     assert made.message == "; note: ".join([made.reason, *made.notes]) == verdict.message
     assert made.notes[-1].startswith("by guessed limits: fruit ")
-    unpushed = replace(verdict, prediction=replace(verdict.prediction, forces={}))
+    unpushed = replace(
+        verdict,
+        prediction=replace(
+            verdict.prediction, tell=lambda: verdict.prediction.told._replace(forces={})
+        ),
+    )
     assert unpushed.notes == verdict.judgement.notes  # where nothing is pushed there is no limit
     assert made.judgement.violations == ()
     assert made.to_dict()["message"] == made.message

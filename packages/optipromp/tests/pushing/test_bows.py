@@ -17,11 +17,11 @@ def test_a_bowed_stem_lies_on_its_arc_and_holds_its_fruit_in_place() -> None:
     length = s.length[0]
     free = 1.0 - s.above[0] / length
     for share in PUSH.beam.loaded:
-        point = np.array(place(s, s.rest, 0, length, share))
+        point = np.array(place.py_func(s, s.rest, 0, length, share))
         line = s.root[0] + share * length * s.axes[0, 2]
         off = 0.04 * length * np.sin(np.pi * min(share / free, 1.0))
         assert abs(np.linalg.norm(point - line) - off) < 1e-9
-    np.testing.assert_allclose(place(s, s.rest, 0, length, 1.0), TARGET, atol=1e-9)
+    np.testing.assert_allclose(place.py_func(s, s.rest, 0, length, 1.0), TARGET, atol=1e-9)
 
 
 def test_a_straight_stem_is_a_strut_and_a_bowed_one_gives_way() -> None:

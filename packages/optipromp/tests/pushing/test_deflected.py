@@ -8,9 +8,12 @@ from hypothesis import strategies as st
 from tests.pushing.fruits import CUP, DT, TARGET, UP, hung
 
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.pushing.stems import contacts as c
 from optipromp.core.pushing.stems.bending import Stems, bowed
-from optipromp.core.pushing.stems.contacts import Descent, begin, freely, place, press, shortened
+from optipromp.core.pushing.stems.contacts import Descent, freely
 from optipromp.core.pushing.stems.cup import MouthPose, fruit_gap, stem_gap
+
+begin, place, press, shortened = (k.py_func for k in (c.begin, c.place, c.press, c.shortened))
 
 
 def energy(s: Stems, u: np.ndarray, ahead: np.ndarray, inertia: float, share: float, point: Any,

@@ -244,4 +244,4 @@ def test_a_prediction_names_a_cause_only_above_the_threshold() -> None:
     assert harmful.harmful
     told = f"harm is predicted: bowl is missed (harm {harmful.harm:.2f} of at most 1)"
     assert str(harmful) == told
-    assert not Prediction(1.0, 1.0, "", "").harmful
+    assert not Prediction(1.0, 1.0).harmful

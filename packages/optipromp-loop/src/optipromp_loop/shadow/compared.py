@@ -19,7 +19,7 @@ from optipromp.core.judging import RATES
 from optipromp.core.planning import Picked, Plan, PlanOptions
 from optipromp.core.planning.leg_tasks import aimed, leg, leg_task
 from optipromp.core.planning.legs import plan_whole, takes
-from optipromp.core.planning.result import REACH, RETREAT
+from optipromp.core.planning.result import REACH, RETREAT, Said
 from optipromp.core.planning.task import posed, resolve, tool_motion
 from optipromp.core.planning.verdict import Verdict, deciding
 from optipromp.core.pushing.model import Prediction
@@ -189,6 +189,5 @@ def _as_done(one: Plan) -> Plan:
     kept = tuple(fault for fault in one.judgement.violations if fault.kind not in RATES)
     said = Verdict(replace(one.judgement, violations=kept), one.prediction)
     return replace(
-        one, planner="recorded", status=said.status, reason=said.reason, notes=said.notes,
-        judgement=said.judgement,
+        one, planner="recorded", status=said.status, said=Said("", said), judgement=said.judgement,
     )  # fmt: skip

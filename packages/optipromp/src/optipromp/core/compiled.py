@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 from numba import njit
 from numba.core import event
+from numba.core.registry import CPUDispatcher
 
 from optipromp.core.budget import check_memory, pause
 
@@ -123,8 +124,14 @@ _CACHED = _may_cache()
 
 if TYPE_CHECKING:  # Numba's types do not know the option ``_nrt``
     compiler = njit
-    kernel = inner = inlined = njit(error_model="numpy")
+    kernel = called = inner = inlined = njit(error_model="numpy")
 else:
+
+    class _Inner(CPUDispatcher):
+        """A kernel without what Python calls: compiling that would take a quarter of the time."""
+
+        def __call__(self, *given: Any) -> Any:
+            raise TypeError(f"{self.py_func.__name__}: only kernels call it; must be @called")
 
     def compiler(**options: Any) -> Any:
         """A decorator of kernels with further options of Numba."""
@@ -136,16 +143,20 @@ else:
             dispatcher = make(function)
             if _CACHED:
                 dispatcher._cache._cache_file.__class__ = _Checked
+            if "no_cpython_wrapper" in options:
+                dispatcher.__class__ = _Inner
             return dispatcher
 
         return compiled
 
     kernel = compiler()
-    inner = compiler(_nrt=False)
-    inlined = compiler(_nrt=False, forceinline=True)
+    called = compiler(_nrt=False)
+    inner = compiler(_nrt=False, no_cpython_wrapper=True)
+    inlined = compiler(_nrt=False, no_cpython_wrapper=True, forceinline=True)
 """Decorators of kernels. A ``kernel`` may allocate arrays. The others neither allocate nor return
 arrays, and do not count references to them: for a kernel with 30 arrays in named tuples, counting
-would take longer than the work. An ``inlined`` kernel is inserted wherever it is called.
+would take longer than the work. Kernels alone call an ``inner`` kernel, and an ``inlined`` one is
+inserted wherever it is called. Python calls the others.
 """
 
 

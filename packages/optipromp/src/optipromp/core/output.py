@@ -31,7 +31,7 @@ from optipromp.core.judging import Metrics, Overlap
 from optipromp.core.planning import Plan, Term
 from optipromp.core.planning.leg_tasks import leg, stands, task_of
 from optipromp.core.planning.legs import Picked
-from optipromp.core.planning.result import AFTER, REACH, Stage, ViaPoint
+from optipromp.core.planning.result import AFTER, REACH, Said, Stage, ViaPoint
 from optipromp.core.planning.task import changed, posed, resolve
 from optipromp.core.planning.underway import underway
 from optipromp.core.planning.verdict import verdict
@@ -197,7 +197,7 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         planner=found.planner,
         seed=found.seed,
         status=found.status,
-        reason=found.reason or found.message,
+        said=Said(found.reason or found.message, more=found.notes),
         trajectory=curve,
         initial=curves[1],
         followed=curves[2],
@@ -208,7 +208,6 @@ def _plan(found: _PlanFile, scene: Scene, rows: Mapping[str, Any], file: Path) -
         time=found.time,
         first=found.first,
         via=tuple(ViaPoint(via.name, np.array(via.position)) for via in found.via),
-        notes=found.notes,
     )
 
 
@@ -300,7 +299,7 @@ def load_pick(path: Path | str) -> Picked | Plan:
             raise InvalidRequestError(f"{file}: must have the joints of {reach.robot.name}")
         legs[name] = leg(task_of(name, legs, curve), curve, 0.0)
         if code is not Code.SUCCESS:
-            legs[name] = replace(legs[name], status=code, reason=printable(message), notes=())
+            legs[name] = replace(legs[name], status=code, said=Said(printable(message)))
             break
         if not legs[name].success:
             raise InvalidPlanError(f"{file}: judged again: {legs[name].message}")

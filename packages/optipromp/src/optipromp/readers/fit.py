@@ -25,11 +25,11 @@ from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.core.compiled import inner, kernel
+from optipromp.core.compiled import called, kernel
 from optipromp.core.processes import in_threads
 
 
-@inner
+@called
 def _largest(cost, rows, out):
     """The maximum ``out`` (m,) over ``rows`` (k,) of ``cost`` (n, m), in place."""
     out[:] = -np.inf

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths
-from optipromp.core.compiled import inlined, inner, kernel
+from optipromp.core.compiled import called, inlined, inner, kernel
 from optipromp.core.robots.description import LeftOut
 from optipromp.core.robots.kernels import PRISMATIC, distances_between
 from optipromp.core.robots.model import (
@@ -152,7 +152,7 @@ def parts_touch(parts, frames, rows, pairs, out):
         out[i] = hulls_touch(points[a, : counts[a]], points[b, : counts[b]], between, shift, work)
 
 
-@inner
+@called
 def hulls_touch(one, other, rotation, translation, work):
     """Whether the hulls of points ``one`` (m, 3) and ``other`` (k, 3) come within :data:`MEETING`.
 

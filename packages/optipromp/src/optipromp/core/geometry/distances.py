@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.compiled import inlined, inner
+from optipromp.core.compiled import called, inlined, inner
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry import shapes
 from optipromp.core.geometry.obstacles import Obstacles
@@ -22,7 +22,7 @@ _NEWTON = 30  # steps to the nearest point of an ellipsoid, at most; 3 to 8 suff
 _TINY = 1e-300  # [m²] squared lengths up to here count as 0: below 2e-308 numbers lose digits
 
 
-@inlined
+@called
 def signed_distance(
     obstacles: Obstacles, k: int, x0: float, x1: float, x2: float, gradient: FloatArray
 ) -> float:
@@ -243,7 +243,7 @@ def _grid(obstacles, g, l0, l1, l2):
     return bound, (o0 + value * g0) * scale, (o1 + value * g1) * scale, (o2 + value * g2) * scale
 
 
-@inner
+@called
 def _distances(obstacles, points, distance, gradient):
     for n in range(points.shape[0]):
         for k in range(obstacles.kind.shape[0]):

@@ -173,14 +173,9 @@ def pack(
 
 
 def packed_shapes(
-    shapes: Sequence[Shape],
-    position: FloatArray,
-    rotation: FloatArray,
-    measured: Measures,
-    *,
-    reach: float = 0.0,
-    within: float = 0.0,
-) -> Obstacles:
+    shapes: Sequence[Shape], position: FloatArray, rotation: FloatArray, measured: Measures, *,
+    reach: float = 0.0, within: float = 0.0,
+) -> Obstacles:  # fmt: skip
     """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
     made = simple(measured, position, rotation)
     own = [shapes[k] for k in np.flatnonzero(made.kind == GRID).tolist()]

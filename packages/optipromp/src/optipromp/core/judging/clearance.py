@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.compiled import inlined, inner, kernel
+from optipromp.core.compiled import called, inlined, kernel
 from optipromp.core.judging.distances import (
     AVOID,
     AVOID_BY_TOOL,
@@ -340,13 +340,9 @@ def _link(robot: Robot, sphere: float) -> str:
 
 
 def _other_shapes(
-    items: Sequence[SceneObject],
-    robot: Robot,
-    q: FloatArray,
-    closest: FloatArray,
-    core: FloatArray,
-    when: Callable[[float], float | None],
-) -> list[Overlap]:
+    items: Sequence[SceneObject], robot: Robot, q: FloatArray, closest: FloatArray,
+    core: FloatArray, when: Callable[[float], float | None],
+) -> list[Overlap]:  # fmt: skip
     """Contacts with meshes and point clouds; ``closest`` and ``core`` are updated in place."""
     radius, distal = np.array(robot.spheres.radius), np.array(robot.spheres.distal)
     sets = {
@@ -429,7 +425,7 @@ def pushed_away(
     return kept, notes
 
 
-@inner
+@called
 def enter(objects, k, spheres, radius, distal, so_far):
     """Update the largest depth of the arm in object ``k`` that the tool has not reached before.
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, lengths
-from optipromp.core.compiled import inlined, inner
+from optipromp.core.compiled import called, inlined, inner
 from optipromp.core.geometry import shapes
 from optipromp.core.scenes.objects import Role
 from optipromp.core.scenes.scene import Scene, SceneObject
@@ -149,7 +149,7 @@ def _neighbours(role: IntArray, position: FloatArray, bound: FloatArray) -> IntA
     return np.argsort(key, kind="stable")
 
 
-@inner
+@called
 def to_surface(kind, a, b, c, x, y, z):
     """Signed distance [m] of a point in the shape's frame to a shape of sizes a, b, c."""
     if kind == shapes.SPHERE:

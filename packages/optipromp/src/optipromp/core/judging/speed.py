@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, joined, lengths
-from optipromp.core.compiled import inner, kernel
+from optipromp.core.compiled import called, inner, kernel
 from optipromp.core.judging import distances
 from optipromp.core.judging.curve import along
 from optipromp.core.judging.kinematics import centers, last_poses
@@ -239,7 +239,7 @@ def window(path, first, rows, waypoint, side, lateral, up, stems, least, gap):
                 gap[k] = min(gap[k], between(path[t], end, points[j], points[j + 1]))
 
 
-@inner
+@called
 def between(a, b, c, d):
     """Distance [m] between the segments from a to b and from c to d (Ericson 2005, 5.1.9)."""
     uu = vv = uv = uw = vw = s = squared = 0.0
@@ -269,13 +269,9 @@ PARTS = 8  # of the time between two checks; the speed is a mean over one part: 
 
 
 def among_fruits(
-    scene: Scene,
-    robot: Robot,
-    trajectory: Trajectory,
-    rows: IntArray,
-    points: FloatArray,
+    scene: Scene, robot: Robot, trajectory: Trajectory, rows: IntArray, points: FloatArray,
     axes: FloatArray,
-) -> tuple[float, float] | None:
+) -> tuple[float, float] | None:  # fmt: skip
     """Largest speed of the tool among pushables [m/s], and its time [s].
 
     Where :func:`stands` applies, the speed is that near objects that stand: nearer than
@@ -366,7 +362,7 @@ def _touching(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
     return near
 
 
-@inner
+@called
 def beside(objects, k, spheres, radius, near):
     """Set ``near`` where one of spheres (M, B, 3) is near object ``k``; ``radius`` (B,) [m]."""
     size, p = objects.size[k], objects.position

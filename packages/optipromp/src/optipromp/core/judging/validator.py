@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
-from optipromp.core.compiled import inner
+from optipromp.core.compiled import called
 from optipromp.core.geometry.shapes import GRID
 from optipromp.core.judging import clearance, kinematics, speed
 from optipromp.core.judging.clearance import Overlap, pieces, radii
@@ -117,7 +117,7 @@ def _nearest(
     return best
 
 
-@inner
+@called
 def closest(kind, size, spheres, radius, nearer, out):
     """Write distance, sphere and row of the closest of spheres (M, B, 3) to ``out`` (3,).
 
@@ -227,14 +227,9 @@ class Judgement:
 
 
 def judge(
-    scene: Scene,
-    robot: Robot,
-    trajectory: Trajectory,
-    start: State | None = None,
-    *,
-    stem_side: bool = True,
-    begun: bool = False,
-) -> Judgement:
+    scene: Scene, robot: Robot, trajectory: Trajectory, start: State | None = None, *,
+    stem_side: bool = True, begun: bool = False,
+) -> Judgement:  # fmt: skip
     """Judge a trajectory against robot and scene.
 
     Args:

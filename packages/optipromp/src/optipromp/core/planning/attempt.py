@@ -10,7 +10,7 @@ from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError, others_code
 from optipromp.core.planning import planners
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.planning.result import Answer, Failed, Plan, Planned, Proposal
+from optipromp.core.planning.result import Answer, Failed, Plan, Planned, Proposal, Said
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import stopped
 from optipromp.core.planning.verdict import Verdict, judged, predicted
@@ -76,9 +76,9 @@ def _finished(
     judgement = outcome.judgement or judged(task, outcome.trajectory, stem_side=prediction is None)
     if isinstance(answer, Planned):
         idle = getattr(planner, "iterations", None) == 0
-        status, reason, notes = _status(Verdict(judgement, prediction), outcome, idle, budget)
+        status, said = _status(Verdict(judgement, prediction), outcome, idle, budget)
     else:
-        status, reason, notes = answer.code, answer.message, ()
+        status, reason, notes = answer.code, answer.message, tuple[str, ...]()
         if answer.nearest is not None:
             reason += f"; the trajectory that comes nearest: {judgement.message}"
             notes = _cut(budget)
@@ -86,32 +86,30 @@ def _finished(
             str(v) for v in judgement.violations if v.kind in ("limit", *judging.RATES)
         ]:
             reason += "; on the way to rest " + "; ".join(broken)
+        said = Said(reason, more=notes)
     now = clock()
     return Plan(
-        task=task, planner=planners.label(planner), seed=task.seed, status=status, reason=reason,
-        notes=notes, trajectory=outcome.trajectory,
-        initial=outcome.begin, followed=outcome.followed or outcome.begin, prediction=prediction,
-        judgement=judgement, stages=outcome.stages,
-        time={**outcome.time, "check": now - start, "total": now - began},
+        task=task, planner=planners.label(planner), seed=task.seed, status=status, said=said,
+        trajectory=outcome.trajectory, initial=outcome.begin,
+        followed=outcome.followed or outcome.begin, prediction=prediction, judgement=judgement,
+        stages=outcome.stages, time={**outcome.time, "check": now - start, "total": now - began},
         first=outcome.first, via=outcome.via, terms=outcome.terms,
     )  # fmt: skip
 
 
-def _status(
-    verdict: Verdict, outcome: Planned, idle: bool, budget: Budget
-) -> tuple[Code, str, tuple[str, ...]]:
+def _status(verdict: Verdict, outcome: Planned, idle: bool, budget: Budget) -> tuple[Code, Said]:
     """Status, reason and notes of an outcome; ``idle``: no optimisation was asked for."""
     raw = "" if outcome.optimised else " (not optimised)"
     wrong = verdict.judgement.message
     if budget.cut and not outcome.optimised and not idle:
         so_far = f"before any optimisation; the initial trajectory: {wrong or 'valid'}"
-        return Code.TIMEOUT, f"{budget.ending} {so_far}", ()
+        return Code.TIMEOUT, Said(f"{budget.ending} {so_far}")
     if budget.cut and wrong:
-        return Code.TIMEOUT, f"{budget.ending}; the best so far: {wrong}{raw}", ()
-    notes, push = verdict.notes, verdict.prediction
+        return Code.TIMEOUT, Said(f"{budget.ending}; the best so far: {wrong}{raw}")
+    notes, push = _cut(budget), verdict.prediction
     if push is not None and push.harmful and push.harm > outcome.beyond:
-        notes += (f"a path of harm {outcome.beyond:.2f} is out of the arm's reach",)
-    return verdict.status, verdict.reason + raw, notes + _cut(budget)
+        notes = (f"a path of harm {outcome.beyond:.2f} is out of the arm's reach", *notes)
+    return verdict.status, Said("", verdict, raw, notes)
 
 
 def _cut(budget: Budget) -> tuple[str, ...]:

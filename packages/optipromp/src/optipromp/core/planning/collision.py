@@ -17,7 +17,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.budget import Budget
-from optipromp.core.compiled import inlined, inner, kernel
+from optipromp.core.compiled import called, inlined, inner, kernel
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.geometry.obstacles import Obstacles, appended, pack
 from optipromp.core.optimization.problem import FARTHER, apart, reach
@@ -188,7 +188,7 @@ def meets(body, p, link, spheres, obstacles, last, room):
     return False
 
 
-@inner
+@called
 def open_edge(body, a, b, q):
     """Whether the edge from ``a`` to ``b`` (n,) is free, without ``a``; ``q`` (n,) changes."""
     moved = 0.0
@@ -208,12 +208,9 @@ BATCH = 500  # samples, after which the budget is asked
 
 
 def way(
-    task: Task,
-    goals: FloatArray,
-    seeds: FloatArray,
-    rng: np.random.Generator,
+    task: Task, goals: FloatArray, seeds: FloatArray, rng: np.random.Generator,
     budget: Budget | None = None,
-) -> FloatArray | None:
+) -> FloatArray | None:  # fmt: skip
     """Corners (k, n) of a way from the start to one of the goals; None where none was found.
 
     Objects to push are obstacles of the last link and the tool too, unless that leaves no way.
@@ -306,7 +303,7 @@ def extend(body, nodes, parent, count, tree, q, reach, room):
     return 2 if share == 1.0 else 1
 
 
-@inner
+@called
 def grow(body, samples, nodes, parent, count, reach, room):
     """Grow both trees by samples (s, n), the smaller one first, until they meet.
 

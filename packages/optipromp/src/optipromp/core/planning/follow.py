@@ -77,13 +77,9 @@ class Start:
 
 
 def starts(
-    task: Task,
-    path: ToolPath,
-    promp: ProMP,
-    options: Searched,
-    goals: FloatArray,
+    task: Task, path: ToolPath, promp: ProMP, options: Searched, goals: FloatArray,
     most: int | None = None,
-) -> Iterator[Start]:
+) -> Iterator[Start]:  # fmt: skip
     """The primitive conditioned on start, path and goal, and led along the path.
 
     There is one start for each of the goal configurations ``goals`` (m, n) from which the arm can
@@ -157,13 +153,9 @@ def braked(share: FloatArray) -> FloatArray:
 
 
 def _follow(
-    task: Task,
-    path: ToolPath,
-    promp: ProMP,
-    goal: FloatArray,
-    stations: FloatArray,
+    task: Task, path: ToolPath, promp: ProMP, goal: FloatArray, stations: FloatArray,
     waypoints: Waypoints,
-) -> Start | None:
+) -> Start | None:  # fmt: skip
     """The start to a goal (n,) through configurations ``stations`` (S, n); None: out of reach."""
     assert isinstance(task.goal, PoseGoal)
     robot, first, z = task.robot, waypoints.first, waypoints.phases
@@ -195,15 +187,9 @@ def _follow(
 
 
 def conditioned(
-    robot: Robot,
-    promp: ProMP,
-    start: FloatArray,
-    goal: FloatArray,
-    points: FloatArray,
-    axes: FloatArray,
-    near: FloatArray,
-    phases: FloatArray,
-) -> FloatArray:
+    robot: Robot, promp: ProMP, start: FloatArray, goal: FloatArray, points: FloatArray,
+    axes: FloatArray, near: FloatArray, phases: FloatArray,
+) -> FloatArray:  # fmt: skip
     """Mean weights (n, K) of the ProMP given start, goal and tool poses at stations.
 
     ``start``: (n,) at phase 0; ``goal`` (n,) at phase 1; both at rest. ``points``: (S, 3) tool
@@ -330,13 +316,9 @@ def _allowed(
 
 
 def free_starts(
-    task: Task,
-    options: Searched,
-    promp: ProMP,
-    goals: FloatArray,
-    rng: np.random.Generator,
+    task: Task, options: Searched, promp: ProMP, goals: FloatArray, rng: np.random.Generator,
     budget: Budget,
-) -> Iterator[Start]:
+) -> Iterator[Start]:  # fmt: skip
     """Starts of a reach without a tool path, to goal configurations ``goals`` (m, n).
 
     First comes the primitive conditioned on start and goal, the nearest goal first, where it does

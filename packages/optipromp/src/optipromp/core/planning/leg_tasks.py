@@ -20,7 +20,7 @@ import numpy as np
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.planning.parameters import LIFTING
-from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan
+from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Said
 from optipromp.core.planning.task import Task, Underway, laden, resolve, tool_motion
 from optipromp.core.planning.timing import among_fruits
 from optipromp.core.planning.verdict import Verdict, judged, led, predicted
@@ -45,9 +45,9 @@ def leg(task: Task, trajectory: Trajectory, seconds: float, push: Prediction | N
     outcome = Verdict(judged(task, trajectory, stem_side=push is None), push)
     return Plan(
         task=task, planner="retreat", seed=task.seed, status=outcome.status,
-        reason=outcome.reason, notes=outcome.notes, trajectory=trajectory, initial=trajectory,
-        followed=trajectory, prediction=outcome.prediction, judgement=outcome.judgement,
-        stages=(), time={"total": seconds},
+        said=Said("", outcome), trajectory=trajectory, initial=trajectory, followed=trajectory,
+        prediction=outcome.prediction, judgement=outcome.judgement, stages=(),
+        time={"total": seconds},
     )  # fmt: skip
 
 

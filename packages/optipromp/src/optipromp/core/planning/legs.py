@@ -214,7 +214,8 @@ def stuck(reach: Plan) -> Legs:
     curve = Trajectory.still(reach.trajectory.positions[-1], STILL, reach.trajectory.joint_names)
     one = leg(leg_task(reach, LIFT, curve), curve, 0.0)
     reason = "the arm cannot lift the target straight up from its grasp"
-    return {REACH: reach, LIFT: replace(one, status=Code.NO_PLAN, reason=reason)}
+    said = one.said._replace(before=reason, of=None, more=one.notes)
+    return {REACH: reach, LIFT: replace(one, status=Code.NO_PLAN, said=said)}
 
 
 def takes(scene: Scene, robot: Robot) -> bool:

@@ -20,7 +20,7 @@ from optipromp.core.planning.approaches import other_approaches
 from optipromp.core.planning.attempt import attempt, late
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, stated
 from optipromp.core.planning.parameters import BACK, UNDERWAY
-from optipromp.core.planning.result import Plan, Proposal, cheapest
+from optipromp.core.planning.result import Plan, Proposal, Said, cheapest
 from optipromp.core.planning.task import Task, goals_of, resolve
 from optipromp.core.planning.underway import Moving, begun, later, plan_in_time, underway
 from optipromp.core.planning.warming import compile_once, one_thread
@@ -229,13 +229,14 @@ class Search:
         count = len(self.tasks)
         if count > 1 and not best.success:
             which = [each.goal for each in self.tasks].index(best.task.goal) + 1
-            best = replace(best, reason=f"goal {which} of {count}: {best.reason}")
+            best = replace(best, said=Said(f"goal {which} of {count}: ", best.said))
         if tried == count:
             return best
         left = f"{count - tried} of {count} goals were not tried, time ran out"
         if best.success:
-            return replace(best, notes=(*best.notes, left))
-        return replace(best, status=Code.TIMEOUT, reason=f"{left}; the best so far: {best.reason}")
+            return replace(best, said=Said("", best.said, more=(left,)))
+        said = Said(f"{left}; the best so far: ", best.said)
+        return replace(best, status=Code.TIMEOUT, said=said)
 
 
 def _slowness(made: Plan) -> tuple[bool, bool, float]:

@@ -166,14 +166,9 @@ def on_branch(task: Task, points: FloatArray, goal: FloatArray) -> FloatArray | 
 
 
 def led_through(
-    promp: ProMP,
-    start: FloatArray,
-    phases: FloatArray,
-    values: FloatArray,
-    variances: FloatArray,
-    count: int,
-    pause: float | None = None,
-) -> FloatArray:
+    promp: ProMP, start: FloatArray, phases: FloatArray, values: FloatArray, variances: FloatArray,
+    count: int, pause: float | None = None,
+) -> FloatArray:  # fmt: skip
     """Mean (T, n) of ``promp`` at ``count`` waypoints, conditioned on configurations.
 
     ``start``: (n,) at phase 0, exact. ``phases``: (m,) of the configurations. ``values``: (m, n)

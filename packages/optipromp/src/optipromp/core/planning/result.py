@@ -3,7 +3,7 @@
 import heapq
 import itertools
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -81,11 +81,6 @@ def cheapest(proposals: Iterable[Proposal[Made]], late: float = math.inf) -> Ite
             yield make
         elif not some or clock() <= late:
             wait(make(), 1 - depth)
-
-
-def with_notes(reason: str, notes: Sequence[str]) -> str:
-    """A reason and the notes in one line, as messages have them."""
-    return "; note: ".join([reason, *notes])
 
 
 @dataclass(frozen=True)
@@ -191,6 +186,30 @@ Answer = Planned | Failed | Proposal[Any]
 to follow the path of least harm, which is its rank."""
 
 
+class Said(NamedTuple):
+    """Reason and notes ``of`` a verdict or another, with words and notes about them."""
+
+    before: str
+    of: Any = None
+    after: str = ""
+    more: tuple[str, ...] = ()
+
+    @property
+    def reason(self) -> str:
+        """Why a plan has its status; put together when it is read."""
+        return self.before + (self.of.reason if self.of else "") + self.after
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Remarks that do not change the status."""
+        return (*(self.of.notes if self.of else ()), *self.more)
+
+    @property
+    def message(self) -> str:
+        """The reason and the notes in one line."""
+        return "; note: ".join([self.reason, *self.notes])
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Plan(Shown):
     """A plan: a trajectory, its metrics, and whether it is a success.
@@ -200,7 +219,7 @@ class Plan(Shown):
         planner: ``promp``, ``i-promp``, ``opti-promp``, or the name of another planner.
         seed: of everything random.
         status: ``success`` only if the judge found nothing wrong and the predicted harm is small.
-        reason: why the plan has this status.
+        said: why the plan has this status, and remarks.
         trajectory: the optimised one; the best that was found, whatever the status.
         initial: the conditioned ProMP.
         followed: the ProMP led along the tool path; equal to ``initial`` where there is no path.
@@ -210,7 +229,6 @@ class Plan(Shown):
         time: wall time, ``total`` and per stage [s].
         first: index of the first waypoint on the approach.
         via: points of the tool that the planner conditioned the primitive on, the target last.
-        notes: remarks that do not change the status.
         terms: functionals that the planner reports, by name; of ours none.
     """
 
@@ -218,7 +236,7 @@ class Plan(Shown):
     planner: str
     seed: int
     status: Code
-    reason: str
+    said: Said
     trajectory: Trajectory
     initial: Trajectory
     followed: Trajectory
@@ -228,13 +246,11 @@ class Plan(Shown):
     time: Mapping[str, float] = field(default_factory=dict)
     first: int = 0
     via: tuple[ViaPoint, ...] = ()
-    notes: tuple[str, ...] = ()
     terms: Mapping[str, Term] = field(default_factory=dict)
 
-    @property
-    def message(self) -> str:
-        """The reason for the status, and the notes."""
-        return with_notes(self.reason, self.notes)
+    reason = property(lambda self: self.said.reason)
+    notes = property(lambda self: self.said.notes)
+    message = property(lambda self: self.said.message)
 
     @property
     def metrics(self) -> Metrics:
@@ -312,7 +328,7 @@ class Plan(Shown):
             "metrics": self.metrics.to_dict(),
             "terms": {name: vars(term) for name, term in self.terms.items()},
             "stages": [vars(stage) for stage in self.stages],
-            "predicted_harm": None if self.prediction is None else vars(self.prediction),
+            "predicted_harm": None if self.prediction is None else self.prediction.to_dict(),
             "contacts": [vars(contact) for contact in self.contacts],
             "time": self.time,
             "first": self.first,

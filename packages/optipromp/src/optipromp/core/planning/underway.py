@@ -31,7 +31,7 @@ from optipromp.core.optimization.problem import reach
 from optipromp.core.planning.follow import Start, Waypoints, braked
 from optipromp.core.planning.options import Searched
 from optipromp.core.planning.parameters import FOLLOW, IN_TIME, TIMING, UNDERWAY
-from optipromp.core.planning.result import Plan, best_of
+from optipromp.core.planning.result import Plan, Said, best_of
 from optipromp.core.planning.task import Task, as_of, changed, passages, tool_motion
 from optipromp.core.planning.timing import hurried, intervals, paced, slowly, stopped, tool_speeds
 from optipromp.core.planning.verdict import verdict
@@ -241,12 +241,12 @@ def plan_in_time(task: Task, made_for: Callable[[Task], Plan], late: float = np.
         return best
     brake = stopped(task.robot, task.state)
     if met := verdict(task, brake).judgement.contacts:
-        return replace(best, reason=f"{best.reason}; the arm brakes too late: {met[0]}")
+        return replace(best, said=Said("", best.said, f"; the arm brakes too late: {met[0]}"))
     made = _in(task, _among(_stood(task, brake), made_for, late), brake)
     if made.success:
         note = f"the arm brakes first, {brake.duration:.2f} s; without, {best.message}"
-        return replace(made, notes=(*made.notes, note))
-    return replace(best, reason=f"{best.reason}; with a brake first, {made.message}")
+        return replace(made, said=Said("", made.said, more=(note,)))
+    return replace(best, said=Said("", best.said, f"; with a brake first, {made.message}"))
 
 
 def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
@@ -288,8 +288,8 @@ def _among(task: Task, made_for: Callable[[Task], Plan], late: float) -> Plan:
     best = best_of(judged(), itemgetter(0), lambda one: not one[0][0])
     assert best is not None  # each scene gives a plan
     if cut and not best[1].success:
-        reason = f"time ran out; the best so far: {best[1].reason}"
-        return replace(best[1], status=Code.TIMEOUT, reason=reason)
+        said = Said("time ran out; the best so far: ", best[1].said)
+        return replace(best[1], status=Code.TIMEOUT, said=said)
     return best[1]
 
 
@@ -353,9 +353,9 @@ def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
         scene = replace(task.scene, approach=made.task.scene.approach)
         task = replace(task, scene=scene, goal=made.task.goal)
     judged = verdict(task, trajectory)
-    source = judged if judged.status is Code.SUCCESS or made.status in JUDGED else made
+    mine = judged.status is Code.SUCCESS or made.status in JUDGED
     return replace(
         made, task=task, trajectory=trajectory, initial=initial, followed=followed, first=first,
-        status=source.status, reason=source.reason, notes=source.notes, judgement=judged.judgement,
-        prediction=judged.prediction,
+        status=judged.status if mine else made.status, said=Said("", judged) if mine else made.said,
+        judgement=judged.judgement, prediction=judged.prediction,
     )  # fmt: skip

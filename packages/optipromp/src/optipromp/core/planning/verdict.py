@@ -7,6 +7,7 @@ and reporting all call :func:`verdict`, or its parts :func:`judged` and :func:`p
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -17,9 +18,9 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.judging import Judgement, Overlap
 from optipromp.core.planning.options import PlanOptions
-from optipromp.core.planning.result import REACH, RETREAT, Plan, with_notes
+from optipromp.core.planning.result import REACH, RETREAT, Plan, Said
 from optipromp.core.planning.task import MOST_POINTS, Task, as_of, passages, resolve, spaced
-from optipromp.core.pushing.model import Prediction, PushModel
+from optipromp.core.pushing.model import Prediction, PushModel, Told
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, along
 from optipromp.core.robots.model import Robot
@@ -80,16 +81,16 @@ class Verdict:
         if self.status is not Code.SUCCESS:
             return ()
         push, figures = self.prediction, self.judgement.metrics
-        if push is None or not push.forces:
+        if push is None or not (forces := push.forces):
             return self.judgement.notes
-        hangs = any(figures.stem_projection.get(name) is not None for name in push.forces)
+        hangs = any(figures.stem_projection.get(name) is not None for name in forces)
         pushes = push.pushes(figures.passage)
         return (*self.judgement.notes, pushes, *([GUESSED] if hangs else []))
 
     @property
     def message(self) -> str:
         """The reason for the status, and the notes."""
-        return with_notes(self.reason, self.notes)
+        return Said("", self).message
 
 
 def judge(
@@ -254,7 +255,8 @@ def prediction(model: PushModel, motion: PushMotion, harm: float | None = None) 
     if motion.struck is None:
         return motion.among(model).predict(motion.points, motion.axes, harm)
     cause = f"is struck by {motion.struck.link} before the approach"
-    return Prediction(harm_of(model, motion), model.threshold, motion.struck.other, cause, {}, 1.0)
+    tell = partial(Told, motion.struck.other, cause)
+    return Prediction(harm_of(model, motion), model.threshold, tell, 1.0)
 
 
 def _followed(

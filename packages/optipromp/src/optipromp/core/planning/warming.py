@@ -19,7 +19,7 @@ from optipromp.core.planning import collision, planners
 from optipromp.core.planning.attempt import attempt
 from optipromp.core.planning.options import DEFAULTS
 from optipromp.core.planning.result import Proposal
-from optipromp.core.planning.task import resolve
+from optipromp.core.planning.task import Task, resolve
 from optipromp.core.processes import cores
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.scenes.io import load_scene
@@ -37,12 +37,22 @@ def one_thread() -> Any:
 
 def warm_up(scene: Scene | str = WARM_UP) -> None:
     """Compile every kernel, or load it from the cache, before a plan's time counts."""
-    task = resolve(scene if isinstance(scene, Scene) else load_scene(scene))
+    _find_way(_attempt(scene if isinstance(scene, Scene) else load_scene(scene)))
+
+
+def _attempt(scene: Scene) -> Task:
+    """The task of a scene, after a plan of it."""
+    task = resolve(scene)
     with one_thread():
         made: Any = attempt(task, planners.OptiProMP(), DEFAULTS, math.inf, str)
         made = made.made() if isinstance(made, Proposal) else made
-        home = task.robot.home[None]
-        collision.way(task, home, home, np.random.default_rng(0))
+    return task
+
+
+def _find_way(task: Task) -> None:
+    """Search a way round obstacles from the robot's home to itself."""
+    home = task.robot.home[None]
+    collision.way(task, home, home, np.random.default_rng(0))
 
 
 @functools.cache
@@ -51,8 +61,8 @@ def compile_once() -> None:
 
     Kernels of few plans are compiled when they are called; a plan's clock stops meanwhile.
     """
-    if not (in_cache(add_stiffness) and in_cache(collision.shorten)):
-        warm_up()
+    if not in_cache(add_stiffness):
+        _attempt(load_scene(WARM_UP))
 
 
 def compile_kernels(progress: Callable[[str], object] = str) -> None:
@@ -73,8 +83,7 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
         )
     try:
         progress("compiling the kernels of arm and obstacles")
-        task = resolve(replace(scene, objects=bare))
-        attempt(task, planners.OptiProMP(), DEFAULTS, math.inf, str)
+        _attempt(replace(scene, objects=bare))
         if other is not None:
             progress("compiling the kernels of the push")
             other.wait()
@@ -95,7 +104,6 @@ def compile_push_model() -> None:
     model = task.push_model(task.robot.home)
     assert isinstance(model, Hanging)
     path = model.candidates.path(model.candidates.spread(0)[0])
-    model.predict(path.points, path.points)
-    Leaving(model, path.points, path.points).predict(path.points[::-1], path.points)
-    home = task.robot.home[None]
-    collision.way(task, home, home, np.random.default_rng(0))
+    assert model.predict(path.points, path.points).told
+    assert Leaving(model, path.points, path.points).predict(path.points[::-1], path.points).told
+    _find_way(task)

@@ -44,14 +44,9 @@ class ConditioningReport:
 
 
 def condition(
-    promp: ProMP,
-    points: Sequence[Point] | Point,
-    task_map: TaskMap | None = None,
-    iterations: int = 60,
-    *,
-    tolerance: float = 1e-6,
-    initial: ArrayLike | None = None,
-) -> ProMP:
+    promp: ProMP, points: Sequence[Point] | Point, task_map: TaskMap | None = None,
+    iterations: int = 60, *, tolerance: float = 1e-6, initial: ArrayLike | None = None,
+) -> ProMP:  # fmt: skip
     r"""Condition a ProMP on points in joint space and task space, in a single Gaussian update.
 
     The order of the points does not matter. H and R are the stacked rows and the covariance of all
@@ -99,14 +94,9 @@ def condition(
 
 
 def condition_with_report(
-    promp: ProMP,
-    points: Sequence[Point] | Point,
-    task_map: TaskMap | None = None,
-    iterations: int = 60,
-    *,
-    tolerance: float = 1e-6,
-    initial: ArrayLike | None = None,
-) -> tuple[ProMP, ConditioningReport]:
+    promp: ProMP, points: Sequence[Point] | Point, task_map: TaskMap | None = None,
+    iterations: int = 60, *, tolerance: float = 1e-6, initial: ArrayLike | None = None,
+) -> tuple[ProMP, ConditioningReport]:  # fmt: skip
     """:func:`condition` with a report in place of the warning; same arguments and errors."""
     if isinstance(points, (JointPoint, TaskPoint)):
         points = (points,)
@@ -240,14 +230,9 @@ def _check_conflicts(points: Sequence[tuple[int, TaskPoint]]) -> None:
 
 
 def _condition_tasks(
-    promp: ProMP,
-    points: Sequence[tuple[int, TaskPoint]],
-    joints: Sequence[tuple[int, JointPoint]],
-    task_map: TaskMap,
-    iterations: int,
-    tolerance: float,
-    initial: ArrayLike | None,
-) -> tuple[ProMP, ConditioningReport]:
+    promp: ProMP, points: Sequence[tuple[int, TaskPoint]], joints: Sequence[tuple[int, JointPoint]],
+    task_map: TaskMap, iterations: int, tolerance: float, initial: ArrayLike | None,
+) -> tuple[ProMP, ConditioningReport]:  # fmt: skip
     """The iterated update by task points; ``promp`` is conditioned on the joint points already."""
     n, count = promp.mean.shape
     size, m = n * count, len(points)

@@ -2,8 +2,10 @@
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,26 +77,51 @@ class Candidates(ABC):
         """Mean and standard deviation (k,) of the first samples of a run."""
 
 
-@dataclass(frozen=True)
+class Told(NamedTuple):
+    """What is told of a push."""
+
+    object: str = ""  # id of the object that is harmed most in the worst state
+    cause: str = "nothing is harmed"  # the harm of that object, in words
+    forces: Mapping[str, float] = {}  # largest on each pushed object in the perceived state [N]
+
+
+@dataclass(frozen=True, eq=False)
 class Prediction:
     """The prediction for the push of a trajectory.
 
     Attributes:
         harm: mean over the states of the scene; see :class:`PushModel`.
         threshold: largest harm of a success.
-        object: id of the object that is harmed most in the worst state; empty without harm.
-        cause: the harm of that object, in words.
-        forces: largest force on each pushed object, by id, in the perceived state [N].
+        tell: gives ``object``, ``cause`` and ``forces`` (:class:`Told`) when one of them is first
+            read: they cost more than the harm of a few states.
         probability: that the pick is not clean, see
             :class:`optipromp.core.pushing.parameters.Calibration`.
     """
 
     harm: float
     threshold: float
-    object: str
-    cause: str
-    forces: Mapping[str, float] = field(default_factory=dict)
+    tell: Callable[[], Told] = Told
     probability: float = math.nan
+
+    told = cached_property(lambda self: self.tell())
+    object = property(lambda self: self.told.object)
+    cause = property(lambda self: self.told.cause)
+    forces = property(lambda self: self.told.forces)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All that is known, by name."""
+        told: dict[str, Any] = self.told._asdict()
+        head = {"harm": self.harm, "threshold": self.threshold}
+        return head | told | {"probability": self.probability}
+
+    def __eq__(self, other: Any) -> bool:
+        return isinstance(other, Prediction) and self.to_dict() == other.to_dict()
+
+    def __repr__(self) -> str:
+        return f"Prediction({self.to_dict()})"
+
+    def __reduce__(self) -> Any:
+        return Prediction, (self.harm, self.threshold, partial(Told, *self.told), self.probability)
 
     @property
     def harmful(self) -> bool:
@@ -105,7 +132,7 @@ class Prediction:
         told = f"harm {self.harm:.2f} of at most {self.threshold:.2g}"
         if not math.isnan(self.probability):
             told += f"; not clean with probability {100.0 * self.probability:.0f} %"
-        what = f"{self.object} {self.cause}" if self.object else self.cause
+        what = f"{self.object} {self.cause}".strip()
         return f"harm is predicted: {what} ({told})" if self.harmful else f"predicted {told}"
 
     def pushes(self, passage: Mapping[str, tuple[float, float] | None]) -> str:
@@ -188,10 +215,14 @@ class PushModel(ABC):
     ) -> Prediction:
         """The harm over all states (``harm``, if known), its cause, and forces from 0.05 N on."""
         harm = self.harm(points, axes, self.states) if harm is None else harm
-        harmed = self.cause(points, axes) if harm > self.threshold else ("", "nothing is harmed")
-        pushed = {k: force for k, force in self.forces(points, axes).items() if force >= 0.05}
         chance = math.nan if self.calibration is None else self.calibration.probability(harm)
-        return Prediction(harm, self.threshold, *harmed, pushed, chance)
+        tell = partial(self._told, points, axes, harm > self.threshold)
+        return Prediction(harm, self.threshold, tell, chance)
+
+    def _told(self, points: FloatArray, axes: FloatArray, harmful: bool) -> Told:
+        forces = {k: force for k, force in self.forces(points, axes).items() if force >= 0.05}
+        harmed = self.cause(points, axes) if harmful else Told()[:2]
+        return Told(*harmed, forces)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
         """Largest force on each object but the target, by id, in the perceived state [N]."""

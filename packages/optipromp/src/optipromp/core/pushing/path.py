@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.compiled import inner, kernel
+from optipromp.core.compiled import called, inner, kernel
 from optipromp.core.pushing.parameters import PUSH
 
 STEP, ROUNDING = PUSH.rule.point_step, PUSH.rule.rounding
@@ -98,7 +98,7 @@ def stepped(corners, step):
     return points
 
 
-@inner
+@called
 def length(corners):
     """Length of a path through ``corners`` (k, 3) [m]."""
     far = 0.0

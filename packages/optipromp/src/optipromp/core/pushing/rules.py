@@ -36,12 +36,9 @@ RULE = PUSH.rule
 
 
 def neighbours(
-    scene: Scene,
-    gripper_radius: float,
-    *,
-    search_radius: float = RULE.search_radius,
+    scene: Scene, gripper_radius: float, *, search_radius: float = RULE.search_radius,
     plane_factor: float = RULE.plane_factor,
-) -> tuple[SceneObject, ...]:
+) -> tuple[SceneObject, ...]:  # fmt: skip
     """Pushables before the target along z_g and near the approach line, first met first.
 
     Args:
@@ -183,13 +180,9 @@ def rim_windows(heights, radii, directions, depth, capture, under):
 
 
 def drift_choices(
-    scene: Scene,
-    objects: Sequence[SceneObject],
-    rule: DriftRule = "lateral-plane",
-    *,
-    depth: float = 0.0,
-    gripper_radius: float = 0.0,
-) -> tuple[Drift, ...]:
+    scene: Scene, objects: Sequence[SceneObject], rule: DriftRule = "lateral-plane", *,
+    depth: float = 0.0, gripper_radius: float = 0.0,
+) -> tuple[Drift, ...]:  # fmt: skip
     """Every combination of sides on which the tool may pass ``objects``, at most eight.
 
     A stem that leans decides the side. With a vertical stem, or none, both sides along y_g are
@@ -225,12 +218,9 @@ def drift_choices(
 
 
 def rule_paths(
-    scene: Scene,
-    objects: Sequence[SceneObject],
-    robot: Robot,
-    camera: FloatArray,
+    scene: Scene, objects: Sequence[SceneObject], robot: Robot, camera: FloatArray,
     rule: DriftRule = "shortest",
-) -> list[FloatArray]:
+) -> list[FloatArray]:  # fmt: skip
     """Corners (k, 3) of the paths from ``camera`` (3,) past neighbours, by choice of sides [m]."""
     assert scene.target is not None
     assert scene.aim is not None
@@ -361,12 +351,9 @@ class Push:
 
 
 def pushes(
-    scene: Scene,
-    objects: Sequence[SceneObject],
-    gripper_radius: float,
-    rng: np.random.Generator | None = None,
-    direction_deviation: float = 0.0,
-) -> tuple[Push, ...]:
+    scene: Scene, objects: Sequence[SceneObject], gripper_radius: float,
+    rng: np.random.Generator | None = None, direction_deviation: float = 0.0,
+) -> tuple[Push, ...]:  # fmt: skip
     """The pushes of the neighbours, first met first.
 
     Args:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.compiled import inner
+from optipromp.core.compiled import called
 from optipromp.core.robots.tool_geometry import cover_capsule
 
 NECK_RADIUS = 0.01  # [m] chosen
@@ -89,7 +89,7 @@ def _stack(radius: float, height: float, bulge: float) -> list[tuple[float, _Ban
     return rows
 
 
-@inner
+@called
 def _cheapest(count, price, advance, below_rim, step, top, cost, choice, after):
     """The least ``cost`` of the wall below each height of the programme, the band chosen there and
     the next height ``after`` it, in place. A band must be below the rim, and must advance."""

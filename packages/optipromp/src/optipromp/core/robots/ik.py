@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frozen
-from optipromp.core.compiled import inner, kernel
+from optipromp.core.compiled import called, kernel
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.kernels import chain_frames, tool_rows
 from optipromp.core.robots.model import Robot
@@ -48,7 +48,7 @@ class Solutions:
         return len(self.joints)
 
 
-@inner
+@called
 def cholesky_solve(a, b):
     """Solve ``a x = b`` in place, ``a`` (n, n) symmetric positive definite; x in ``b``."""
     n = b.shape[0]
@@ -215,19 +215,11 @@ def _tool_axes(robot: Robot, count: int) -> FloatArray:
 
 
 def solve(
-    robot: Robot,
-    position: FloatArray,
-    axis: FloatArray | None,
-    *,
-    starts: int = 48,
-    seed: int = 0,
-    near: FloatArray | None = None,
-    clearance: Callable[[FloatArray], FloatArray] | None = None,
-    distinct: float = 0.25,
-    limit_margin: float = 0.0,
-    rest: FloatArray | None = None,
+    robot: Robot, position: FloatArray, axis: FloatArray | None, *, starts: int = 48, seed: int = 0,
+    near: FloatArray | None = None, clearance: Callable[[FloatArray], FloatArray] | None = None,
+    distinct: float = 0.25, limit_margin: float = 0.0, rest: FloatArray | None = None,
     iterations: int = 24,
-) -> Solutions:
+) -> Solutions:  # fmt: skip
     """Find distinct configurations with the tool point at ``position`` and its axis along ``axis``.
 
     Args:

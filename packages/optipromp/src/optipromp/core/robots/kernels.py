@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray
-from optipromp.core.compiled import inner, kernel
+from optipromp.core.compiled import called, inner, kernel
 
 REVOLUTE = 0
 PRISMATIC = 1
@@ -97,14 +97,14 @@ def chain_frames(kin, q, origins, rotations, axes):
         rotations[s, 2, 0], rotations[s, 2, 1], rotations[s, 2, 2] = r20, r21, r22
 
 
-@inner
+@called
 def frames(kin, q, origins, rotations, axes):
     """Frames of every segment at T configurations: ``q`` (T, n), outputs (T, S, …), in place."""
     for t in range(q.shape[0]):
         chain_frames(kin, q[t], origins[t], rotations[t], axes[t])
 
 
-@inner
+@called
 def carried_points(segment, local, origins, rotations, out):
     """World positions of points carried by segments.
 
@@ -125,7 +125,7 @@ def carried_points(segment, local, origins, rotations, out):
             out[t, b, 2] = o[2] + r[2, 0] * x + r[2, 1] * y + r[2, 2] * z
 
 
-@inner
+@called
 def distances_between(one, other, i, j, out):
     """Distances ``out`` (m, P) of points ``one[:, i]`` and ``other[:, j]`` (m, P, 3), in place."""
     for t in range(one.shape[0]):

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.compiled import inner
+from optipromp.core.compiled import called
 from optipromp.core.optimization.evaluation import Cost, Evaluation
 
 
@@ -23,7 +23,7 @@ class LimitCost(Cost):
         return e.in_joints(limit_penalty, scale, self.lower, self.upper)
 
 
-@inner
+@called
 def limit_penalty(q, lower, upper, scale, gradient, band):
     """½ Σ (excess over the joint limits)²."""
     total = 0.0
@@ -62,7 +62,7 @@ class VelocityCost(Cost):
         return k * e.in_joints(step_penalty, k * scale, np.zeros(e.q.shape[1]))
 
 
-@inner
+@called
 def step_penalty(q, largest, scale, gradient, band):
     """½ Σ max(0, |q_{t+1} − q_t| − largest)²."""
     total = 0.0
@@ -93,7 +93,7 @@ class SmoothnessCost(Cost):
         return e.in_joints(smoothness, scale, e.dt)
 
 
-@inner
+@called
 def smoothness(q, dt, scale, gradient, band):
     """½ ∫ ‖ξ̈‖² dt; before its first and after its last waypoint the trajectory is at rest."""
     n_waypoints, total, k = q.shape[0], 0.0, scale / dt**3

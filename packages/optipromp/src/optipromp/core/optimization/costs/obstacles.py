@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.compiled import inner
+from optipromp.core.compiled import called, inner
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.optimization.evaluation import Cost, Evaluation
 from optipromp.core.optimization.kernels import add_along
@@ -54,7 +54,7 @@ class ObstacleCost(Cost):
         )  # fmt: skip
 
 
-@inner
+@called
 def chomp_cost(d, epsilon):
     """The CHOMP cost c(D) of a distance ``d`` and its derivative; ``epsilon``: safety distance."""
     if d >= epsilon:
@@ -82,7 +82,7 @@ def any_below(distance, limit):
     return count > 0
 
 
-@inner
+@called
 def obstacle_functional(
     points, _tool, distance, normal, chosen, epsilon, dt, use_max, scale, force, stiffness
 ):
@@ -145,7 +145,7 @@ class ClearanceCost(Cost):
         )
 
 
-@inner
+@called
 def clearance_penalty(_points, _tool, distance, normal, margin, chosen, scale, force, stiffness):
     """½ Σ max(0, margin − D)² over the ``chosen`` (B,) spheres."""
     total = 0.0
@@ -186,7 +186,7 @@ def self_overlap(e: Evaluation, margin: float, scale: float = 0.0) -> FloatArray
     return out
 
 
-@inner
+@called
 def self_penalty(
     points, radius, groups, pairs, slack, link_bound, margin, scale, force, stiffness, out
 ):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.compiled import inner
+from optipromp.core.compiled import called
 from optipromp.core.optimization.evaluation import LEVER, Cost, Evaluation
 from optipromp.core.optimization.kernels import add_along
 
@@ -33,7 +33,7 @@ class GoalCost(Cost):
         return e.at_points(goal_penalty, scale, self.position, LEVER * axis, turned)
 
 
-@inner
+@called
 def goal_penalty(points, tool, position, to_tip, turned, scale, force, stiffness):
     """½ ‖fk − position‖² at the end; with ``turned`` also ½ ‖tip − fk − to_tip‖²."""
     t, total = points.shape[0] - 1, 0.0
@@ -68,7 +68,7 @@ class UprightCost(Cost):
         return e.at_points(axis_penalty, scale, LEVER, self.axis, self.tolerance, self.first)
 
 
-@inner
+@called
 def axis_penalty(points, tool, lever, axis, tolerance, first, scale, force, stiffness):
     """½ Σ max(0, ‖a − axis‖ − tolerance)²; a is the tool axis. Both axes are unit vectors."""
     total = 0.0
@@ -137,7 +137,7 @@ class CorridorCost(Cost):
         )  # fmt: skip
 
 
-@inner
+@called
 def corridor_penalty(
     points, tool, reference, axes, tolerance, within, first, scale, force, stiffness
 ):

@@ -15,7 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen, lengths
-from optipromp.core.compiled import inner, kernel
+from optipromp.core.compiled import called, inner, kernel
 from optipromp.core.geometry.shapes import Box, Cylinder
 from optipromp.core.pushing.model import Candidates, Moved, PushModel, Round, Schedule
 from optipromp.core.pushing.packs.flat import clear_ahead, shapes
@@ -38,38 +38,38 @@ def _excess(value, free, unit):
     return (max(0.0, value - free) / unit) ** 2
 
 
-@inner
+@called
 def motion_cost(start, end):
     """Cost of the target's motion from one state (B, 3) to another."""
     u, v = end[0, 0] - start[0, 0], end[0, 1] - start[0, 1]
     return float((u * u + v * v) / (PACK.moved * PACK.moved))
 
 
-@inner
+@called
 def depth_cost(bench, end):
     """Cost of a target that ends too deep between the fingers."""
     return _excess(end[0, 0], 0.4 * bench.mouth[1], PACK.beyond)
 
 
-@inner
+@called
 def edge_cost(bench, u):
     """Cost of an object that ends near the front of the board."""
     return _excess(bench.edge + PACK.behind, u, PACK.back)
 
 
-@inner
+@called
 def force_cost(force):
     """Cost of the largest force [N]."""
     return _excess(force, PACK.light, PACK.heavy)
 
 
-@inner
+@called
 def wall_cost(room):
     """Cost of a distance to the walls [m]."""
     return _excess(PACK.wide, room, PACK.tight)
 
 
-@inner
+@called
 def _taken(bench, u, v):
     """Whether an object ends between the fingers."""
     palm, tip, half = bench.mouth

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp.core.compiled import inlined, inner
+from optipromp.core.compiled import called, inlined, inner
 from optipromp.core.geometry.distances import distance_and_gradient
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import fruit_gap
@@ -80,7 +80,7 @@ def level_place(s, i, x, y, z):
     return share if 0.0 < share < 1.0 else 0.0
 
 
-@inner
+@called
 def freely(s, i, d):
     """``d.free[i]`` (L, L): inverse of the stiffness plus the fruit's inertia [m/N]."""
     last = LOADS - 1

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
-from optipromp.core.compiled import inner, kernel
+from optipromp.core.compiled import called, inner, kernel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool
@@ -110,7 +110,7 @@ def _box(rho, h, low, high, bottom, top):
     return qy, 0.0, sy
 
 
-@inner
+@called
 def cup_distance(rho, h, cup):
     """Signed distance to the cup in the half-plane, with d/drho and d/dh."""
     best, g0, g1 = _box(rho, h, cup.inner, cup.outer, cup.base, cup.rim)
@@ -143,7 +143,7 @@ def in_cup(x, y, z, at):
     return h, math.sqrt(x * x + y * y + z * z), x, y, z
 
 
-@inner
+@called
 def fruit_gap(x, y, z, radius, at, cup):
     """Gap of a fruit to the cup, and the direction in which the cup pushes the fruit."""
     h, rho, x, y, z = in_cup(x, y, z, at)
@@ -152,7 +152,7 @@ def fruit_gap(x, y, z, radius, at, cup):
     return d - radius, out * x + g1 * at.u, out * y + g1 * at.v, out * z + g1 * at.w
 
 
-@inner
+@called
 def stem_gap(x, y, z, radius, within, at, cup):
     """Gap of a piece of stem to the cup's side, and the direction in which it pushes the piece.
 
@@ -183,7 +183,7 @@ def inside_cup(x, y, z, at, cup):
     return rho < cup.inner and cup.base < h < cup.rim - SWING.barely
 
 
-@inner
+@called
 def taken(x, y, z, rx, ry, rz, at, cup):
     """Whether the target with this centre is inside the cup.
 
@@ -224,7 +224,7 @@ def _ball(s, f, i, upper):
     return x - back * a, y - back * b, z - back * c, s.above[i], a, b, c
 
 
-@inner
+@called
 def wedged(mass, along, speed, friction):
     """Pull on a fruit along its taut stem, as the cup's blow slides it aside [N].
 

@@ -270,7 +270,7 @@ class Hanging(PushModel):
             which = first, min(first + TOGETHER, states)
             total = swinging.summed_score(
                 some, self.count, which, *motion, self.cup, self.static, hopeless, worst, not told,
-                leaves, way.speed, total, begin, kept,
+                leaves, way.speed, total, begin, kept, False,
             )  # fmt: skip
             if not told and first == 0 and total >= hopeless:
                 return self.least + float(total)
@@ -400,7 +400,10 @@ def after(model: Hanging, points: FloatArray, axes: FloatArray, states: int) -> 
     some, (points, axes, dt) = model._steps(first, states, points, axes)
     width = kept_states.width(dt)
     kept = before.copy() if len(before) else np.zeros((states, count, width))
-    swinging.lead_on(some, count, points, axes, dt, model.cup, model.static, len(behind), kept)
+    swinging.summed_score(
+        some, count, (0, states), points, axes, dt, model.cup, model.static, math.inf, math.inf,
+        False, swinging.NEVER, 0.0, 0.0, len(behind), kept, True,
+    )  # fmt: skip
     on._before = _Before(kept, np.hstack([points, axes])[-((width - kept_states.ROWS) // 2) :])
     return on
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.compiled import inlined, inner, kernel
+from optipromp.core.compiled import called, inlined, inner, kernel
 from optipromp.core.geometry.obstacles import Obstacles
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import contacts, kept_states
@@ -62,7 +62,7 @@ class Harm(NamedTuple):
     missed: bool
 
 
-@inner
+@called
 def score_of(stem, fruit, target, inside, pinched, missed):
     """The score of a :class:`Harm`: the sum of its parts.
 
@@ -428,7 +428,7 @@ def clear(s, points, axes, cup):
     return True
 
 
-@inner
+@inlined
 def _advance(s, f, c, d, step, solid):
     """Let the fruits swing on, then bring them to their equilibrium with the cup of this step."""
     for i in range(len(f.up)):
@@ -527,23 +527,9 @@ def led(
 
 @kernel
 def summed_score(
-    s,
-    count,
-    states,
-    points,
-    axes,
-    dt,
-    cup,
-    solid,
-    hopeless,
-    worst,
-    seen,
-    leaves,
-    speed,
-    total,
-    begin,
-    kept,
-):
+    s, count, states, points, axes, dt, cup, solid, hopeless, worst, seen, leaves, speed, total,
+    begin, kept, keep,
+):  # fmt: skip
     """Sum of the scores of a path over sampled states of the same fruits.
 
     ``s``: the stems, one state after the other. ``states``: the first state of the sum, and the
@@ -563,7 +549,7 @@ def summed_score(
     for d in range(*states):
         low = d * count
         one = _state(s, low, low + count)
-        if begin:
+        if len(kept):
             own[:] = kept[d]
         left = min(worst - total, hopeless)
         h[:], forces[:], stem_forces[:], pulls[:] = 0.0, 0.0, 0.0, 0.0
@@ -571,6 +557,8 @@ def summed_score(
             one, points, axes, dt, cup, solid, left, positions, forces, stem_forces, h, pulls,
             leaves, speed, begin, own,
         )  # fmt: skip
+        if keep:
+            kept[d] = own
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
         rx, ry, rz = s.root[low, 0], s.root[low, 1], s.root[low, 2]
         missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
@@ -581,24 +569,6 @@ def summed_score(
         if total > worst:
             break
     return total
-
-
-@kernel
-def lead_on(s, count, points, axes, dt, cup, solid, begin, kept):
-    """Lead the cup along a path in all states that are ``kept`` (S, N, W), and keep them.
-
-    The other arguments are those of :func:`summed_score`.
-    """
-    steps, h, pulls = len(points), np.zeros(5), np.zeros(count)
-    positions, forces = np.zeros((steps, count, 3)), np.zeros((steps, count))
-    stem_forces = np.zeros((steps, count))
-    for d in range(len(kept)):
-        h[:], forces[:], stem_forces[:] = 0.0, 0.0, 0.0
-        one = _state(s, d * count, (d + 1) * count)
-        push(
-            one, points, axes, dt, cup, solid, np.inf, positions, forces, stem_forces, h, pulls,
-            NEVER, 0.0, begin, kept[d],
-        )  # fmt: skip
 
 
 @kernel
