@@ -117,6 +117,8 @@ def test_a_closed_connection_leaves_the_arm_to_the_next(reflexes: list[str]) -> 
         first.execute(curve)
     with connected() as second:
         assert second.state().q.shape == (7,)
+        assert second.force().shape == (3,)
+        assert np.linalg.norm(second.force()) < 5.0  # [N] nothing touches it
 
 
 def test_a_second_connection_is_refused_in_time(reflexes, monkeypatch):

@@ -34,8 +34,10 @@ from optipromp_loop.control.stages import LoopStage
 from optipromp_ros import live, trajectories
 from optipromp_ros.frames import Frames, known_frames, link_prefix
 from optipromp_ros.images import PICTURES, Pictures
+from optipromp_ros.scenes import vector
 from optipromp_ros.types import ERROR, OK, WARN, Message, constants, diagnostic, message
 
+WRENCH = "geometry_msgs/msg/WrenchStamped"
 KEPT = 2.0  # [s] of joint states, to tell where a camera on the hand was: a choice
 
 
@@ -94,7 +96,9 @@ class PickLoop:
 
         Read are ``sensor_msgs/JointState``, ``vision_msgs/Detection3DArray``, and
         ``tf2_msgs/TFMessage`` of frames that stand still on a link of the robot or on ``tool`` (at
-        the tool point, z along its axis), themselves or through others.
+        the tool point, z along its axis), themselves or through others; and
+        ``geometry_msgs/WrenchStamped``, the force of the world on the tool in any known frame,
+        without the tool's own weight.
         With a watcher also the messages of pictures that :func:`optipromp_ros.bag_pictures` reads.
 
         Args:
@@ -111,6 +115,10 @@ class PickLoop:
             case "sensor_msgs/msg/JointState":
                 time = self._time(trajectories.nanoseconds(item.header.stamp))
                 trajectories.hear(self._arm, item, time)
+            case _ if item.__msgtype__ == WRENCH:
+                time = self._time(trajectories.nanoseconds(item.header.stamp))
+                sensor = self._camera(item.header.frame_id, time)
+                self.controller.feel(time, sensor.rotation @ vector(item.wrench.force))
             case "tf2_msgs/msg/TFMessage":
                 self.frames.heard(item, still=True)
             case _ if item.__msgtype__ == live.DETECTIONS:
@@ -126,7 +134,7 @@ class PickLoop:
             case _:
                 raise InvalidRequestError(
                     f"a {item.__msgtype__} is of no use here: must be a JointState, a "
-                    "Detection3DArray or a TFMessage"
+                    "Detection3DArray, a WrenchStamped or a TFMessage"
                 )
 
     def tick(self, now: int, steady: int | None = None) -> Message | None:

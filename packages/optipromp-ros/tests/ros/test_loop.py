@@ -20,6 +20,7 @@ from optipromp.core.scenes.hand import flange_of, tool_frame
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control import Controller, LoopStage, without_fruits
+from optipromp_loop.control.parameters import CONTROL
 from optipromp_ros import (
     DetectionParameters,
     PickLoop,
@@ -28,6 +29,7 @@ from optipromp_ros import (
     read_trajectories,
     stretch_trajectory,
 )
+from optipromp_ros.scenes import xyz
 from optipromp_ros.trajectories import nanoseconds
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.detector import Truth
@@ -46,6 +48,14 @@ def joints(state, stamp):
         "sensor_msgs/msg/JointState", header=header(stamp, ""), name=NAMES, position=state.q,
         velocity=state.velocity,
     )  # fmt: skip
+
+
+def felt(pose, wrench, stamp):
+    """The message of a sensor in the frame of the camera, whose ``pose`` in the base is given."""
+    kind = "geometry_msgs/msg/Vector3"
+    force = xyz(kind, pose.rotation.T @ wrench[:3])
+    wrench = message("geometry_msgs/msg/Wrench", force=force, torque=message(kind))
+    return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, "camera"), wrench=wrench)
 
 
 @dataclass
@@ -85,7 +95,9 @@ def by_messages(
         simulation_of.Detector(scene, robot, simulation_of.DETECTORS["zero-mean"], 0)
     )
     parameters = replace(CLASSES, view=eye.detector.view, stem_length=0.2)
-    controller = Controller(without_fruits(scene))  # not in real time: the same on any machine
+    feels = replace(CONTROL, weight_error=0.05)  # [N] of a sensor in the wrist
+    # not in real time: the same on any machine
+    controller = Controller(without_fruits(scene), parameters=feels)
     loop = PickLoop(scene, parameters=parameters, controller=controller, prefix="fr3_")
     camera = eye.detector.camera(start.q)
     tool = tool_frame(robot, start.q)
@@ -99,6 +111,8 @@ def by_messages(
         was = EPOCH + (round(shift * 1e9) if since > SET else 0)  # the stamp of time 0
         if not silent(since):
             loop.heard(sent(joints(state, was + round(now * 1e9))))
+            sensor = tool_frame(robot, state.q) @ tool.inverse() @ camera
+            loop.heard(sent(felt(sensor, simulation.wrench(), was + round(now * 1e9))))
         f = simulation.fruits()
         eye.see(now, state.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
         for look in eye.delivered(now):
@@ -140,7 +154,9 @@ def test_a_pick_by_messages_alone() -> None:
     assert len(done.joins) > 20
     assert max(done.joins) < 1e-6
     assert {level for _, level, _ in done.said} == {0}
-    assert (status.name, status.message) == ("optipromp/loop", "outside with the target")
+    assert (status.name, status.message) == (
+        "optipromp/loop", "outside with the target, by its weight",
+    )  # fmt: skip
     assert {one.key: one.value for one in status.values}["stage"] == "done"
 
 

@@ -18,6 +18,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control import driver
 from optipromp_loop.control.camera import CameraWatch
 from optipromp_loop.control.driver import Driver
+from optipromp_loop.control.felt import Felt
 from optipromp_loop.control.parameters import LoopParameters
 from optipromp_loop.control.solids import Solids
 from optipromp_loop.control.tracker import Tracked, Tracker
@@ -56,7 +57,7 @@ class Common:
     Attributes:
         scene: as it was told; ``robot``: with its tool; ``seed``: of the plans.
         tracker: of the fruits; ``camera``: checked against the arm's motion; ``looks``: that came.
-        driver: of the arm.
+        driver: of the arm; ``felt``: at its tool.
         picks: that were committed to, the last one runs.
         tries: looks again that are left, after a retreat or a refused pick.
         over: why there is no other try; empty: there may be one.
@@ -72,6 +73,7 @@ class Common:
         self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
         self.seed, self.parameters = seed, parameters
         self.camera, self.looks = CameraWatch(self.robot, parameters), Looks()
+        self.felt = Felt(scene.up, parameters)
         first = driver.first_tracks(scene, parameters.known)
         self.tracker = Tracker(scene, first=first, tool=self._mouth)
         self.driver = Driver(scene, self.robot, state, parameters)

@@ -96,6 +96,19 @@ class Controller(Common):
         """
         self.looks.inbox.append(look)
 
+    def feel(self, time: float, force: FloatArray) -> None:
+        """Take a measured force in, which tells at the end whether the target is in the tool.
+
+        Args:
+            time: by the clock of the looks [s].
+            force: (3,) of the world on the tool, in the frame of the base, without the weight of
+                the tool itself [N]. The way in and the way out do without.
+
+        Raises:
+            InvalidRequestError: no three finite values.
+        """
+        self.felt.feel(time, force)
+
     def goes_on(self, time: float, curve: Trajectory, came: Route | None, why: str) -> None:
         """Begin with an arm that comes to rest on a ``curve`` from a ``time`` on [s].
 

@@ -21,6 +21,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import ExecutionError, InvalidRequestError
 from optipromp.core.execution.executor import Follower, Guard, in_words
 from optipromp.core.robots.library import load_robot
@@ -83,6 +84,10 @@ class _Franka(Follower):
         """Measured positions and velocities, commanded accelerations."""
         found = self._read()
         return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
+
+    def force(self) -> FloatArray:
+        """libfranka's estimate of the force (3,) of the world on the tool, in the base [N]."""
+        return np.array(self._read().O_F_ext_hat_K, dtype=np.float64)[:3]
 
 
 def _since(

@@ -53,6 +53,9 @@ class LoopParameters(Checked):
     remembered: float = parameter(4.0, "s", "choice", "of the arm's motion, for looks")
     fall: float = parameter(0.4, "m/s", "choice", "downwards, above that of a plant: it falls")
     dropped: float = parameter(0.02, "m", "choice", "of the target below its place, likewise")
+    weighed: float = parameter(0.3, "s", "choice", "of standing, over which a force is averaged")
+    # libfranka's estimate of the force at the tool changes with the arm's pose
+    weight_error: float = parameter(0.5, "N", "guess", "of a weight; twice it is told from none")
     retreat_speed: float = parameter(0.1, "m/s", "choice", "of the tool on its way back")
 
 

@@ -65,6 +65,7 @@ AFTER: Mapping[LoopStage, frozenset[LoopStage]] = {
 STANDS = "the camera's pictures stand still"
 BLOCKED = "something that nobody told stands in the way"
 FALLS = "the target falls: its stem broke"
+OUTSIDE = "outside with the target"
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class Observe(Stage):
             self.since, self.seen = now, 0
             return None, None
         self.since = min(self.since, now)
+        loop.felt.stands_empty(now, self.since)
         if loop.looks.newest == -math.inf:
             return None, None
         if self.job is None:
@@ -453,6 +455,7 @@ class Leave(Stage):
         job: the search of ways out; None: the way out runs.
         why: the reason to leave without the target.
         holding: whether the target is in the tool.
+        stood: time from which the tool stands outside with it [s].
     """
 
     name = LEAVE
@@ -460,6 +463,7 @@ class Leave(Stage):
     job: Sliced[Any] | None
     why: str = ""
     holding: bool = False
+    stood: float = math.inf
 
     def held(self, loop: Common, now: float, why: str) -> None:
         """The search goes on when the arm may."""
@@ -483,11 +487,26 @@ class Leave(Stage):
                 return None, Next(Stand(GAVE_UP), "no way out is free")
             return None, None
         if drive.phase(begins) >= route.duration or drive.stuck(now):
-            stop = drive.brake(begins)
+            stop = None if drive.waits else drive.brake(begins)
             if self.holding:
-                return stop, Next(Stand(DONE), "outside with the target")
+                return stop, self._weighed(loop, now)
             return stop, _tried(loop, Observe(), "looking again after a retreat", self.why)
         return drive.go_on(now, tracked), None
+
+    def _weighed(self, loop: Common, now: float) -> Next | None:
+        """Whether the target is free in the tool, by its weight; None: the arm has not felt it for
+        long enough. Where nothing can be felt, the looks have told."""
+        target, done = loop.picks[-1].reach.scene.target, Next(Stand(DONE), OUTSIDE)
+        assert target is not None
+        weight = loop.felt.weight(target)
+        if not loop.felt.tells(weight):
+            return done
+        self.stood = min(self.stood, now) if loop.driver.rests(now) else math.inf
+        mean = loop.felt.mean(now, self.stood)
+        if mean is None:
+            return done if now - self.stood > 2.0 * loop.parameters.weighed else None
+        why = loop.felt.against(mean, weight)
+        return Next(Stand(GAVE_UP), why) if why else Next(Stand(DONE), f"{OUTSIDE}, by its weight")
 
 
 @dataclass

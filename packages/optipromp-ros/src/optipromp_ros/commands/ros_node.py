@@ -41,6 +41,7 @@ def ros_node(
     loop: bool = False,
     detections: str = "~/detections",
     pictures: str | None = None,
+    wrench: str | None = None,
     eyes: str | None = None,
     role: list[str] | None = None,
     guard: str | None = None,
@@ -81,6 +82,8 @@ def ros_node(
         detections (TOPIC): With --loop or --guard: of the Detection3DArray messages.
         pictures (COLOUR,DEPTH,INFO): With --loop, in place of detections: topics of a camera, Image
             (or CompressedImage by its usual end) and CameraInfo; or one of PointCloud2.
+        wrench (TOPIC): With --loop: of WrenchStamped messages, the force of the world on the tool,
+            which tells at the end whether the fruit is in it.
         eyes (CROP|FILE): Of --pictures: see 'see --eyes'; by default of the scene's crop.
         role (CLASS=ROLE): Role of a detected class; :stem: z is its stem.
         guard (TOPIC): Of the Float64MultiArray commands that are filtered.
@@ -94,6 +97,7 @@ def ros_node(
             "installation, and start it with the Python of that installation"
         ) from None
     from optipromp_ros.live import DETECTIONS
+    from optipromp_ros.loop import WRENCH
 
     say_if_compiling()
     place, meaning = (
@@ -105,6 +109,7 @@ def ros_node(
         _filter(filtered, guard, execute or "~/commands", detections)
     elif loop:
         seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
+        seen |= {} if wrench is None else {wrench: WRENCH}
         with _watcher(place, pictures is not None, eyes) as watcher:
             pick = optipromp_ros.PickLoop(
                 place, parameters=meaning, rate=rate, prefix=prefix, watcher=watcher

@@ -404,6 +404,7 @@ class Controlled:
         for look in pick.looks:
             controller.see(look)
         self._looks += pick.looks
+        controller.feel(now, pick.arena.wrench()[:3])
         stretch = controller(now, pick.state, pick.reference)
         target = pick.arena.scene.target
         takes = controller.holding and pick.taken is None

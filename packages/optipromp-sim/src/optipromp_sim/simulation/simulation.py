@@ -219,10 +219,14 @@ class Simulation:
 
     def close(self) -> None:
         """Hold the target, as :meth:`grip` does, if it is in the tool and not held already."""
-        target, weld = self.scene.target, self._world.model.equality(GRIP).id
-        if self._run.data.eq_active[weld] or target is None or target.id not in self.held():
-            return
-        self.grip()
+        target = self.scene.target
+        if target is not None and target.id in self.held() and not self._grips():
+            self.grip()
+
+    def _grips(self) -> bool:
+        if self.robot.tool is None or self.scene.target is None:
+            return False
+        return bool(self._run.data.eq_active[self._world.model.equality(GRIP).id])
 
     def state(self) -> State:
         """Measured positions and velocities of the joints; the acceleration is the reference's."""
@@ -281,16 +285,23 @@ class Simulation:
         """(6,) of the world on the tool in the last step, in the robot's base frame.
 
         Force [N], and torque about the tool point [N m]. For a robot without a tool: on its last
-        link. Of contacts alone, without weight and inertia of the tool.
+        link. Of contacts, and the weight of a target that is gripped; without weight and inertia of
+        the tool.
         """
         run, entities = self._run, self._world.entities
         kind = [e.kind == "tool" or (self.robot.tool is None and e.distal) for e in entities]
         mine = np.array(kind)
         found = pressing(run.data, self._world)
         tool, _ = self.robot.tool_pose(self.state().q)
-        total, six = np.zeros((2, 3)), np.zeros(6)
+        total, six, gripped = np.zeros((2, 3)), np.zeros(6), -1
+        if self._grips():
+            held = next(fruit for fruit in self._world.shown if fruit.role == "target")
+            model = self._world.model
+            gripped = [e.label for e in entities].index(f"fruit:{held.id}")
+            force = model.body_subtreemass[held.body] * model.opt.gravity
+            total += force, np.cross(run.data.xipos[held.body] - tool, force)
         for row, pair, point, force in zip(*found, strict=True):
-            if not mine[pair].any():
+            if not mine[pair].any() or gripped in pair:
                 continue
             engine().mj_contactForce(self._world.model, run.data, row, six)
             turning = six[3:] @ run.data.contact[row].frame.reshape(3, 3)  # of spin and rolling

@@ -89,6 +89,12 @@ def carry_scene(legs: Mapping[str, Plan]) -> tuple[Scene, Robot]:
     return scene, robot
 
 
+def mass_of(fruit: SceneObject) -> float:
+    """The mass that a fruit states; else that of its volume at its density [kg]."""
+    mass = fruit.physical.get("density", PUSH.beam.fruit_density) * fruit.shape.volume
+    return float(fruit.physical.get("mass", mass))
+
+
 @functools.lru_cache(maxsize=4)  # by identity: all legs of a reach ask for it
 def held(reach: Plan) -> tuple[Scene, Robot]:
     """The scene without the picked fruit, and the robot whose tool holds the fruit.
@@ -103,12 +109,9 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
     tip, _ = robot.tool_pose(q)
     _, turns = robot.segment_frames(q)
     axes = turns[-1] @ robot.tool_rotation
-    mass = target.physical.get("mass")
-    if mass is None:
-        mass = target.physical.get("density", PUSH.beam.fruit_density) * target.shape.volume
     fruit = Attached(
         target.id, target.shape, axes.T @ (target.position - tip),
-        to_quaternion(axes.T @ target.rotation), mass,
+        to_quaternion(axes.T @ target.rotation), mass_of(target),
     )  # fmt: skip
     pairs = reach.scene.may_touch
     scene = replace(
