@@ -112,8 +112,8 @@ class Spoon:
         wide = self.size / 2.0
         return (np.array([[-0.10, -wide], [-0.03, -wide], [-0.03, wide], [-0.10, wide]]),)
 
-    def holds(self, points: np.ndarray) -> np.ndarray:
-        x, y, z = points.T
+    def holds(self, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+        x, y, z = 0.5 * (begin + end).T
         return (np.hypot(x, y) < self.mouth[0]) & (np.abs(z) < 0.02)
 
     def inertia(self, mass: float) -> tuple[np.ndarray, np.ndarray]:

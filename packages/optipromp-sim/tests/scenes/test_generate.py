@@ -22,7 +22,9 @@ from optipromp_sim.generate.shelves import Footprint, apart
 
 SEEDS = range(12)
 BUNCHES = [
-    preset for preset in PRESETS if preset not in ("shelf", "elongated", "truss", "field", "wild")
+    preset
+    for preset in PRESETS
+    if preset not in ("shelf", "elongated", "truss", "field", "wild", "standing")
 ]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
@@ -107,6 +109,12 @@ def test_limp_stems_hang_plumb(scenes) -> None:
         for fruit in (scene.target, *scene.pushables):
             way = fruit.stem.vector / np.linalg.norm(fruit.stem.vector)
             assert way[2] >= np.cos(np.deg2rad(2.0)) - 1e-12
+
+
+def test_beds_are_of_mushrooms_and_asparagus(scenes) -> None:
+    beds = of(scenes, "standing")
+    assert {scene.tool.kind for scene in beds} == {"suction", "finger_gripper"}
+    assert all(item.stem.vector[2] < 0.0 for scene in beds for item in scene.pushables)
 
 
 def test_long_fruits_lie_along_their_stems_and_apart(scenes) -> None:

@@ -159,7 +159,7 @@ def test_a_gripper_of_meshes_is_the_gripper_of_boxes(tmp_path) -> None:
     assert tool.mouth == pytest.approx(boxes.mouth)
     assert abs(tool.rotation[:, 1] @ boxes.rotation[:, 1]) == pytest.approx(1.0)
     points = np.random.default_rng(0).uniform(-0.05, 0.05, (2000, 3))
-    assert (tool.holds(points) == boxes.holds(points)).all()
+    assert (tool.holds(points, points) == boxes.holds(points, points)).all()
     run = simulate(plan(scene))
     assert run.success, run.outcome.message
     assert "between the fingers" in run.outcome.message

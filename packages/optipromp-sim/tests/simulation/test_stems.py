@@ -1,5 +1,6 @@
 """Fruits hang still where a scene shows them, and swing as beams do, on stems of any stiffness."""
 
+import itertools
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -268,3 +269,21 @@ def test_a_swing_dies_as_slowly_as_the_docs_say(length):
         *(1e3 * np.array(means)),
     ]  # fmt: skip
     np.testing.assert_allclose(told, measured, rtol=0.04)
+
+
+@pytest.mark.parametrize("lean", [0.0, 30.0])
+def test_fruits_stand_on_stems_from_below(lean):
+    """Balls, cones and capsules, on stems that state no stiffness."""
+    up = np.array([0.0, np.sin(np.radians(lean)), np.cos(np.radians(lean))])
+    fruits = []
+    for k, (shape, length) in enumerate(
+        itertools.product((Sphere(0.022), BERRY, LONG), (0.03, 0.1))
+    ):
+        top, reach = np.array([1.0 + 0.8 * k, 0.0, 0.9]), REACH.get(shape, 0.0)
+        stem = Stem(np.array([top - reach * up, top - (reach + length + 0.022) * up]))
+        fruits.append(SceneObject(f"n{k}", "pushable", shape, top, frame_along(-up), stem))
+    assert max(moved(beside_a_target(*fruits), 1, 4.0).values()) < 2e-3
+
+
+def test_a_bed_stands():
+    assert max(moved(generate("standing", 170001), 170001, 5.0).values()) < 2e-3

@@ -18,13 +18,13 @@ from optipromp.looks.viewer.reach import tool_faces
 from optipromp_sim.generate import generate
 
 SMALL = replace(generate("cluster", 5), tool=None)  # two fruits in the way of a target
-FREER = replace(generate("cluster", 7), tool=None)  # whose stem blades can be led to
+FREER = replace(generate("cluster", 7), tool=None)  # where fingers and blades come straight
 LONG = Scissor(0.06, blade_length=0.09, blade_width=0.02, depth=0.008)  # a fruit fits in
 TOOLS = {**builders.TOOLS, "scissor": LONG}
 
 
 def given(name: str) -> Scene:
-    return FREER if name == "scissor" else SMALL
+    return FREER if TOOLS[name].fingers else SMALL
 
 
 @cache
@@ -47,7 +47,7 @@ def test_a_small_scene_is_planned_with_each_tool(name: str) -> None:
 
 
 def test_the_robot_takes_the_place_of_the_scenes() -> None:
-    scene = replace(SMALL, tool=ToolSpec("finger_gripper", {"opening": 0.06, "turn": 0.4}))
+    scene = replace(FREER, tool=ToolSpec("finger_gripper", {"opening": 0.06, "turn": 0.4}))
     np.testing.assert_array_equal(
         plan(scene).trajectory.positions, made("finger_gripper").trajectory.positions
     )

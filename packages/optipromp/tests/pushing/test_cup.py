@@ -7,8 +7,16 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from optipromp.core.pushing.stems.cup import Mouth, cup_distance, flange_of
-from optipromp.core.robots import Cup, FrankaHand, load_robot, with_tool
+from optipromp.core.geometry import distances, pack
+from optipromp.core.pushing.stems.cup import (
+    Mouth,
+    MouthPose,
+    cup_distance,
+    flange_of,
+    fruit_gap,
+    inside_cup,
+)
+from optipromp.core.robots import Cup, FingerGripper, FrankaHand, load_robot, with_tool
 
 CUPS = st.builds(
     lambda inner, wall, base, rim, neck, flange, under, cone: Mouth(
@@ -112,3 +120,47 @@ def test_a_robot_without_spheres_there_has_no_flange() -> None:
     kept = spheres.link != bare.link_names.index("link7")
     fewer = type(spheres)(*(values[kept] for values in spheres))
     assert flange_of(replace(bare, spheres=fewer)) == (0.0, -1.0, -1.0)
+
+
+FINGERS = FingerGripper(0.06, finger_length=0.06, palm_length=0.05)
+HAND = Mouth(  # as it opens along y; its width is along x
+    *FINGERS.mouth, FINGERS.front - FINGERS.reach, FINGERS.depth, 0.0, 0.0, within=0.01, ax=1.0,
+    palm_x=0.025, palm_y=0.05, palm_end=-FINGERS.reach,
+)  # fmt: skip
+AT = MouthPose(0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+PLACE = st.tuples(*[st.floats(-0.15, 0.15)] * 3)
+
+
+@settings(max_examples=200, deadline=None)
+@given(PLACE)
+def test_fruits_meet_fingers_as_they_are(place: tuple[float, float, float]) -> None:
+    """Against the solids of the tool, by the geometry that the judge has."""
+    boxes = [(each.shape, each.position - FINGERS.point, np.eye(3)) for each in FINGERS.solids()]
+    away = sorted(float(distances(pack([one]), np.array([place]))[0].min()) for one in boxes)
+    gap, *push = fruit_gap(*place, 0.01, AT, HAND)
+    assume(away[0] > 1e-4)
+    assert gap == pytest.approx(away[0] - 0.01, abs=1e-9)
+    assert np.linalg.norm(push) == pytest.approx(1.0)
+    assume(away[1] - away[0] > 1e-4)
+    further = fruit_gap(*(np.array(place) + 1e-5 * np.array(push)), 0.01, AT, HAND)[0]
+    assert further - gap == pytest.approx(1e-5, abs=2e-6)
+
+
+@settings(max_examples=300, deadline=None)
+@given(PLACE, PLACE, st.booleans())
+def test_what_is_held_is_asked_of_the_body(begin, end, round_mouth) -> None:
+    """The tool, and the push model of it, against points along the axis of a body."""
+    tool = Cup(0.03, depth=0.02) if round_mouth else FINGERS
+    held = bool(tool.holds(np.array([begin]), np.array([end]))[0])
+    points = np.array(begin) + np.linspace(0.0, 1.0, 2001)[:, None] * np.subtract(end, begin)
+    x, y, z = points.T
+    across = np.hypot(x, y) if round_mouth else np.maximum(np.abs(y), 3.0 * np.abs(x))
+    away = np.maximum(across - tool.mouth[0], np.abs(z - 0.5 * (tool.tip + tool.front) + tool.reach)
+                      - 0.5 * (tool.tip - tool.front))  # fmt: skip
+    assume(abs(away.min()) > 1e-3)
+    assert held == (away.min() < 0.0)
+    apart = float(np.linalg.norm(np.subtract(end, begin)))
+    ends = tool.front - tool.reach, tool.depth + 0.003  # the model asks for 3 mm
+    mouth = HAND if not round_mouth else Mouth(*tool.mouth, *ends, 0.0, 0.0)
+    mouth = mouth._replace(rim=ends[1])
+    assert inside_cup(*begin, *end, apart, AT, mouth) == held

@@ -86,6 +86,11 @@ def distance(points: np.ndarray, solids: tuple[Solid, ...]) -> np.ndarray:
     return least
 
 
+def at(tool: Tool, points: object) -> np.ndarray:
+    """Whether the tool holds balls at points (R, 3)."""
+    return tool.holds(np.array(points), np.array(points))
+
+
 def in_tool_axes(tool: Tool, points: np.ndarray) -> np.ndarray:
     return (points - tool.point) @ tool.rotation
 
@@ -160,9 +165,9 @@ def test_the_outline_holds_the_solids_in_front(name: str) -> None:
 def test_what_is_held_is_at_the_tool_point_and_not_in_a_solid(name: str) -> None:
     tool, rng = TOOLS[name], np.random.default_rng(2)
     takes = tool.mouth[0] > 0.0
-    assert tool.holds(np.zeros((1, 3))).tolist() == [takes]
+    assert at(tool, [[0.0, 0.0, 0.0]]).tolist() == [takes]
     around = rng.uniform(-0.15, 0.15, (20000, 3))
-    held = around[tool.holds(around)]
+    held = around[at(tool, around)]
     assert bool(len(held)) is takes
     if takes:
         assert np.hypot(held[:, 0], held[:, 1]).max() <= math.hypot(tool.mouth[0], 0.02)
@@ -229,8 +234,8 @@ def test_a_gripper_is_as_large_as_it_says() -> None:
     np.testing.assert_allclose(right.position, [0.0, -0.035, 0.105])
     inside = [[0, 0, 0], [0.01, 0.029, 0.0], [-0.01, -0.029, 0.0099], [0, 0, -0.039]]
     outside = [[0.0101, 0, 0], [0, 0.031, 0], [0, 0, 0.0101], [0, 0, -0.041]]
-    assert tool.holds(np.array(inside)).all()
-    assert not tool.holds(np.array(outside)).any()
+    assert at(tool, inside).all()
+    assert not at(tool, outside).any()
 
 
 def test_a_turned_gripper_is_turned_as_a_whole() -> None:
@@ -248,8 +253,8 @@ def test_the_blades_of_a_scissor_are_thin_and_hold_a_fruit_between_them() -> Non
     _, left, _ = tool.solids()
     assert left.shape == Box((0.012, 0.002, 0.05))
     assert tool.mouth == (0.025, pytest.approx(0.027))
-    assert tool.holds(np.array([[0.0, 0.02, 0.0], [0.006, 0.0, 0.014]])).all()
-    assert not tool.holds(np.array([[0.007, 0.0, 0.0], [0.0, 0.026, 0.0]])).any()
+    assert at(tool, [[0.0, 0.02, 0.0], [0.006, 0.0, 0.014]]).all()
+    assert not at(tool, [[0.007, 0.0, 0.0], [0.0, 0.026, 0.0]]).any()
 
 
 def test_a_mesh_is_as_it_is_stated() -> None:
@@ -259,8 +264,8 @@ def test_a_mesh_is_as_it_is_stated() -> None:
     assert (tool.reach, tool.tip) == (pytest.approx(0.12), pytest.approx(RIM))
     assert tool.front == pytest.approx(FLOOR)
     assert tool.mouth == (INNER, pytest.approx(OUTER))
-    assert tool.holds(np.array([[0.021, 0.0, 0.0], [0.0, 0.0, -0.019]])).all()
-    assert not tool.holds(np.array([[0.023, 0.0, 0.0], [0.0, 0.0, -0.021], [0, 0, 0.021]])).any()
+    assert at(tool, [[0.021, 0.0, 0.0], [0.0, 0.0, -0.019]]).all()
+    assert not at(tool, [[0.023, 0.0, 0.0], [0.0, 0.0, -0.021], [0, 0, 0.021]]).any()
     # the walls are alike as the tool rolls: neck, floor, and a wall on either side
     assert len(tool.outline()) == 4
 

@@ -55,7 +55,8 @@ def generate(
         preset: cluster: 1-4 fruits before the ripe one; side-clusters: and neighbours; table-top:
             and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: plumb stems;
             elongated: long fruits; truss: fruits on one truss; field: fruits, stems and trusses of
-            all kinds; shelf: cans and boxes; wild: as in pictures of plantations.
+            all kinds; shelf: cans and boxes; wild: as in pictures of plantations; standing:
+            mushrooms and asparagus.
         out (DIR): Where the scene files go.
         seed (0..): Of the first scene; each next has one more.
         count (1..): How many scenes.

@@ -19,13 +19,13 @@ from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.crops import Crop, load_crop
 from optipromp.core.scenes.scene import Scene
-from optipromp_sim.generate import bunches, plants, shelves
+from optipromp_sim.generate import beds, bunches, plants, shelves
 from optipromp_sim.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp_sim.generate.placing import UnfitError, at_robot
 
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
-    "field", "shelf", "wild",
+    "field", "shelf", "wild", "standing",
 ]  # fmt: skip
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
@@ -64,6 +64,14 @@ KINDS: Mapping[Preset, Kind] = {
     "shelf": Kind(shelves.sample, 2, 6, panda_only=True, crop=""),
     "wild": Kind(
         plants.wild, number=lambda rng: round(plants.of_quantiles(rng, plants.WILD_FRUITS))
+    ),
+    "standing": Kind(
+        lambda plants, *given: plants(*given),
+        2,
+        5,
+        plants=(beds.mushrooms, beds.asparagus),
+        panda_only=True,
+        crop="",
     ),
 }
 
@@ -117,8 +125,8 @@ def generate_with_report(
 
     Raises:
         InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda, or
-            a crop, for a shelf; a robot that can work at none of :data:`MOST_UNFIT` samples from
-            any place.
+            a crop, for a shelf or a bed; a robot that can work at none of :data:`MOST_UNFIT`
+            samples from any place.
         InvalidRobotError: a robot that cannot be loaded.
     """
     check_one_of("preset", preset, PRESETS)
@@ -128,8 +136,8 @@ def generate_with_report(
     kind = KINDS[preset]
     if other and kind.panda_only:
         raise InvalidRequestError(f"scenes of the preset {preset} are for the built-in panda only")
-    if crop is not None and preset == "shelf":
-        raise InvalidRequestError("a shelf has cans and boxes: it takes no crop")
+    if crop is not None and not kind.crop:
+        raise InvalidRequestError(f"the preset {preset} has objects of its own: it takes no crop")
     rng = np.random.default_rng([zlib.crc32(preset.encode()), seed])
     reasons: Counter[str] = Counter()
     count = kind.number(rng) if kind.number else int(rng.integers(kind.fewest, kind.most + 1))

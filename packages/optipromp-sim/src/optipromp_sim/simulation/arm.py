@@ -1,5 +1,6 @@
 """The robot and its tool as MuJoCo bodies."""
 
+import math
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, IntArray, all_finite, frozen
+from optipromp.core.robots.grippers import Suction
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.mounted import Load, loads_of, without_loads
+from optipromp.core.robots.mounted import Load, loads_of, unmounted, without_loads
 from optipromp.core.robots.tool_geometry import Part, Solid, solids_inertia
-from optipromp.core.robots.tool_protocol import quaternion
+from optipromp.core.robots.tool_protocol import Tool, quaternion
 from optipromp.core.robots.tools import TOOL_LINK, WALL
 from optipromp_sim.simulation.engine import Entity, add_shape, engine, layers
 from optipromp_sim.simulation.parameters import SimulationParameters
@@ -19,6 +21,7 @@ from optipromp_sim.simulation.parameters import SimulationParameters
 GUARD = "tool:guard"
 FLAT = 1e-6  # share of a moment by which files round it above the sum of the others
 EVEN = 1e-9  # share of a moment that is added so that MuJoCo sees no such excess
+LIP_MASS = 0.01  # [kg] of the cup of a suction gripper that yields: a guess
 WEIGHTLESS = 1e-9  # [kg], [kg m²] of a load without mass: MuJoCo wants some
 LEAST_MASS, LEAST_INERTIA = 0.05, 1e-5  # of a link without spheres [kg], [kg m²]: choices
 ARM_COLOUR = (0.78, 0.79, 0.80, 1.0)
@@ -210,7 +213,11 @@ def _add_tool(
     mass = given.hand_mass if tool.fingers else given.tool_mass
     _explicit(held, mass, *tool.inertia(mass))
     surface = {**layers("tool"), **_surface(parameters, given.tool_friction, entity)}
-    _add_solids(spec, held, without_loads(tool).solids(), surface)
+    yields = isinstance(unmounted(tool), Suction)
+    rigid = [one for one in without_loads(tool).solids() if not (yields and one.part == "mouth")]
+    _add_solids(spec, held, rigid, surface)
+    if yields:
+        _add_lip(spec, held, tool, surface)
     for load in loads_of(tool):
         own = float(entity + robot.link_names.index(load.id) - last)
         _add_load(spec, held, load, {**surface, "userdata": [own]})
@@ -224,6 +231,22 @@ def _add_tool(
             rgba=COLOURS["neck"],
             **surface,
         )
+
+
+def _add_lip(spec: Any, held: Any, tool: Tool, surface: dict[str, Any]) -> None:
+    """Add the cup of a suction gripper: a body that slides back along the axis, as a spring."""
+    cup = unmounted(tool)
+    assert isinstance(cup, Suction)
+    solids = [one for one in without_loads(tool).solids() if one.part == "mouth"]
+    lip = held.add_body(name="tool:lip")
+    _explicit(lip, LIP_MASS, *solids_inertia(solids, LIP_MASS))
+    joint = lip.add_joint(
+        name="tool:lip", type=engine().mjtJoint.mjJNT_SLIDE, axis=tool.rotation[:, 2],
+        limited=engine().mjtLimited.mjLIMITED_TRUE, range=[-cup.height, 0.0],
+    )  # fmt: skip
+    joint.stiffness[0] = cup.stiffness
+    joint.damping[0] = 2.0 * math.sqrt(cup.stiffness * LIP_MASS)  # critical
+    _add_solids(spec, lip, solids, surface)
 
 
 def _add_solids(spec: Any, body: Any, solids: Sequence[Solid], surface: dict[str, Any]) -> None:

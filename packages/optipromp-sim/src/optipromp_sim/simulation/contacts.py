@@ -9,7 +9,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
 from optipromp.core.compiled import kernel
-from optipromp_sim.simulation.world import World
+from optipromp_sim.simulation.world import Fruit, World
 
 
 @kernel
@@ -219,20 +219,21 @@ def harm_so_far(world: World, log: ContactLog, torn: int) -> HarmSoFar:
     )
 
 
-def in_tool(world: World, q: FloatArray, centers: FloatArray) -> BoolArray:
-    """Whether the tool holds an object, or, without a tool, the object is near the tool point.
+def in_tool(world: World, q: FloatArray, states: FloatArray, fruit: Fruit) -> BoolArray:
+    """Whether the tool holds a fruit, or, without a tool, the fruit is near the tool point.
 
-    ``q``: (R, n) configurations of the joints. ``centers``: (R, 3) positions of the object's centre
-    at these [m].
+    ``q``: (R, n) configurations of the joints. ``states``: (R, nq) of MuJoCo at these.
 
     Returns: (R,).
     """
     robot = world.robot
     points, _ = robot.tool_pose(q)
-    away, tool = centers - points, robot.tool
+    tool = robot.tool
     if tool is None:
+        away = states[:, fruit.position : fruit.position + 3] - points
         return np.asarray(np.linalg.norm(away, axis=1) < BARE)
     _, turns = robot.segment_frames(q)
-    local = np.einsum("rij,ri->rj", turns[:, -1] @ robot.flange_rotation @ tool.rotation, away)
+    axes = turns[:, -1] @ robot.flange_rotation @ tool.rotation
+    begin, end = (np.einsum("rij,ri->rj", axes, at - points) for at in fruit.ends(states))
     below = np.array([0.0, 0.0, world.parameters.thresholds.inside_margin])
-    return tool.holds(local) & tool.holds(local + below)
+    return tool.holds(begin, end) & tool.holds(begin + below, end + below)

@@ -9,10 +9,10 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 import scipy.linalg
 
-from optipromp.core.arrays import FloatArray, frozen
+from optipromp.core.arrays import FloatArray, frozen, lengths
 from optipromp.core.geometry.shapes import Capsule, Cylinder, Sphere
 from optipromp.core.robots.tool_protocol import quaternion
-from optipromp.core.scenes.objects import nearest, parents_first
+from optipromp.core.scenes.objects import least_stiffness, mass_of, nearest, parents_first
 from optipromp.core.scenes.scene import SceneObject, Stem
 from optipromp_sim.simulation.disturbances import add_carriage
 from optipromp_sim.simulation.engine import add_shape, engine, layers, mass_center
@@ -141,7 +141,11 @@ def add_fruit(
     load = _load(straight.nodes, _held(straight, gravity, truss)[1])
     carries = truss is not None and truss.carries is not None
     stiffness = _stiffness(obj, load, parameters.stem, carries=carries)
-    stiffness = max(stiffness, _load(chain.nodes, grown) / BOW_TURN)
+    heavy = chain.fruit + float(chain.masses.sum()) + (0.0 if truss is None else truss.load)
+    *bends, rigid = lengths(np.diff([*straight.nodes, straight.center], axis=0))
+    height = (straight.center - straight.nodes[0]) @ up
+    upright = least_stiffness(heavy, height, sum(bends), rigid)
+    stiffness = max(stiffness, _load(chain.nodes, grown) / BOW_TURN, float(upright))
     nodes = chain.nodes
     grows_from = None if truss is None else truss.grows_from
     if grows_from is None and (parameters.disturbance.in_motion or obj.course is not None):
@@ -285,8 +289,7 @@ def trusses_of(
 
 def _mass(obj: SceneObject, parameters: SimulationParameters) -> float:
     group = parameters.thing if obj.stem is None else parameters.fruit
-    density = obj.physical.get("density", group.density)
-    return float(obj.physical.get("mass", density * obj.shape.volume))
+    return mass_of(obj, group.density)
 
 
 def chain_of(obj: SceneObject, stem: Stem, parameters: SimulationParameters) -> StemChain:

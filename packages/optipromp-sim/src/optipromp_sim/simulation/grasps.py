@@ -51,7 +51,8 @@ def on_lip(world: World, rollout: Rollout, fruit: Fruit) -> BoolArray:
     strength = np.linalg.norm(forces, axis=1)
     along = np.abs(np.einsum("ci,ci->c", forces, axis)) / np.maximum(strength, 1e-12)
     held = (
-        (np.abs(height - tool.depth) < LIP)
+        (height > tool.depth - cup.height - LIP)
+        & (height < tool.depth + LIP)
         & (aside < cup.radius + LIP)
         & (along >= np.cos(np.radians(cup.angle)))
     )

@@ -189,11 +189,11 @@ class Outcome:
             nothing was harmed; for a scissor, whether it cut the target's stem alone, too.
         cause: the first of ``causes``; None for a success.
         message: the causes in words.
-        picked: whether the target's centre is in the tool and stays there at the end; None for a
+        picked: whether the target is in the tool and stays there at the end; None for a
             scene without a target, and for a tool that cannot hold. Of a scissor: whether the stem
             of the target was cut, or, without a target, the one nearest the goal.
-        swallowed_others: other fruits whose centre is inside the tool at the end.
-        entered: other fruits whose centre was inside the tool at any time.
+        swallowed_others: other fruits whose axis is partly inside the tool at the end.
+        entered: other fruits whose axis was partly inside the tool at any time.
         peak_force: largest force on each target and pushable, by id [N].
         torn: fruits that came off their stems.
         stem_caught: fruits whose stem was pressed by arm or tool beyond the thresholds.
@@ -204,9 +204,9 @@ class Outcome:
         avoid_contacts: of B_d with avoid objects.
         tool_avoid_contacts: of last link and tool with avoid objects: allowed.
         arm_fruit_contacts: of B_d with targets and pushables.
-        target_displacement: distance by which the target had moved when its centre entered the
+        target_displacement: distance by which the target had moved when it entered the
             tool; the largest one where it never entered [m].
-        swallowed_at: time at which the target's centre entered the tool last [s], or None.
+        swallowed_at: time at which the target entered the tool last [s], or None.
         displacement: largest distance of each target and pushable from its first position, by id
             [m].
         tracking_error: largest distance of the tool point from the reference [m].
@@ -310,7 +310,7 @@ def held(world: World, rollout: Rollout, index: int) -> BoolArray:
         return np.zeros(len(rollout.times), dtype=np.bool_)
     if suction_of(world) is not None:
         return on_lip(world, rollout, world.shown[index])
-    return in_tool(world, rollout.q, rollout.fruit_positions[:, index])
+    return in_tool(world, rollout.q, rollout.states, world.shown[index])
 
 
 def inside_words(world: World) -> str:

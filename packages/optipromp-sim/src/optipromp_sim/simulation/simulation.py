@@ -276,10 +276,8 @@ class Simulation:
 
     def held(self) -> tuple[str, ...]:
         """The targets and pushables that the tool holds now."""
-        fruits = self.fruits()
-        q = np.tile(self.state().q, (len(fruits.ids), 1))
-        inside = in_tool(self._world, q, fruits.positions) if fruits.ids else ()
-        return tuple(id_ for id_, held in zip(fruits.ids, inside, strict=True) if held)
+        world, q, now = self._world, self.state().q[None], self._run.data.qpos[None]
+        return tuple(each.id for each in world.shown if in_tool(world, q, now, each).item())
 
     def wrench(self) -> FloatArray:
         """(6,) of the world on the tool in the last step, in the robot's base frame.

@@ -10,7 +10,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.pushing.stems.bending import hanging_balls, part
+from optipromp.core.pushing.stems.bending import axis_of, hanging_balls, part
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.objects import UNSEEN_SPREAD, ObjectMotion, parents_first, rooted
 from optipromp.core.scenes.pose import Pose
@@ -47,6 +47,17 @@ class Fruit:
     dofs: IntArray  # of the bends of its stem's joints, in qvel
     last: int  # body of the stem's last segment, -1 without a stem
     along: FloatArray  # (3,) unit, in that body's frame, from the fruit up the stem
+    axis: FloatArray  # (2, 3) ends of its axis, in its own frame [m]
+
+    def ends(self, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Begin and end (R, 3) of its axis [m] in ``states`` (R, nq)."""
+        place = states[:, self.position : self.position + 3]
+        spin = states[:, self.position + 3 : self.position + 7]
+        w, v = spin[:, :1], spin[:, 1:]
+        begin, end = (
+            place + each + 2.0 * np.cross(v, np.cross(v, each) + w * each) for each in self.axis
+        )
+        return begin, end
 
     def stem(self, data: Any) -> FloatArray:
         """The joints and the end (N+1, 3) of its stem in MuJoCo's ``data``, root first [m]; (0, 3)
@@ -351,7 +362,7 @@ class _Draft:
             along = along / np.linalg.norm(along)
         return Fruit(
             built.id, obj.role, built, entity, stem, body, int(free.qposadr[0]),
-            int(free.dofadr[0]), weld, dofs, last, frozen(along),
+            int(free.dofadr[0]), weld, dofs, last, frozen(along), frozen(axis_of(obj)),
         )  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from optipromp.core.errors import InvalidRequestError, unknown
 from optipromp.core.values import Validated
 
 GRAVITY = 9.81  # [m/s²]
+FRUIT_DENSITY = 950.0  # [kg/m³] reported: strawberries float barely: 0.9-1.0 g/cm³
 Kind = Literal["measured", "reported", "published", "guess", "choice"]
 
 

@@ -25,7 +25,6 @@ from optipromp.core.planning.task import Task, Underway, laden, resolve, tool_mo
 from optipromp.core.planning.timing import among_fruits
 from optipromp.core.planning.verdict import Verdict, judged, led, predicted
 from optipromp.core.pushing.model import Prediction
-from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.robots import ik
@@ -33,7 +32,7 @@ from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted
 from optipromp.core.scenes.held import RETREAT as RETREAT_LENGTH
 from optipromp.core.scenes.held import Attached, Place, pairs_among
-from optipromp.core.scenes.objects import rooted
+from optipromp.core.scenes.objects import mass_of, rooted
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory

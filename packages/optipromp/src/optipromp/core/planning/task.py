@@ -24,7 +24,7 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.grippers import PRESS, Scissor
+from optipromp.core.robots.grippers import PRESS, Scissor, Suction
 from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
 from optipromp.core.robots.tool_protocol import Tool
@@ -199,7 +199,11 @@ def robot_of(scene: Scene, robot: Robot | None = None) -> Robot:
         if tool is not None:
             parameters = dict(tool.parameters)
             if tool.kind == "suction" and scene.target is not None:
-                parameters.setdefault("fruit", max(scene.target.radius - PRESS, 0.0))
+                cup, target = unmounted(make_tool(tool.kind, parameters)), scene.target
+                assert isinstance(cup, Suction)
+                far = float(target.shape.support(-scene.frame[2:] @ target.rotation)[0])
+                stroke = min(PRESS, PUSH.harm.target_force / cup.stiffness)
+                parameters.setdefault("fruit", max(far - stroke, 0.0))
             spec = tool.kind, tuple(sorted(parameters.items()))
     held = {load.id for load in loads_of(robot.tool)}
     attached = tuple(item for item in scene.attached if item.id not in held)

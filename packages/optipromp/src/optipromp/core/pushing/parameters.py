@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.parameters import GRAVITY
+from optipromp.core.parameters import FRUIT_DENSITY, GRAVITY
 
 
 class Calibration(NamedTuple):
@@ -90,7 +90,8 @@ class BeamParameters(NamedTuple):
     bow_most: float = 0.05  # guess: largest bow; as above
     parting_sweeps: int = 20  # over the pairs of overlapping fruits
     parting_gap: float = 1e-5  # [m] between fruits after parting
-    fruit_density: float = 950.0  # [kg/m^3] reported: strawberries float barely: 0.9-1.0 g/cm^3
+    # [kg/m^3] reported: strawberries float barely: 0.9-1.0 g/cm^3
+    fruit_density: float = FRUIT_DENSITY
     gravity: float = GRAVITY  # [m/s^2] standard
     stiff_end: float = 100.0  # stiffness of a fruit over that of its stem: nearly rigid
     # shares of the length whose deflection is known; the last: the fruit

@@ -159,7 +159,8 @@ class Suction(Validated, Tool, label="tool suction: "):
     """A suction cup: a lip at the end of a stem along flange z. Metres.
 
     It takes hold of an object that its lip touches, within ``radius`` of the tool axis and with a
-    force that is at most ``angle`` off that axis. The push models treat it as solid.
+    force that is at most ``angle`` off that axis. The push models treat it as solid. The cup is a
+    bellows: it yields along the axis by its whole height at most, as a spring.
 
     Args:
         radius: of the lip.
@@ -167,7 +168,10 @@ class Suction(Validated, Tool, label="tool suction: "):
         height: of the cup, the wide part behind the lip.
         angle: largest angle between the tool axis and the touched surface's normal [degrees].
         fruit: distance from the lip to the tool point, where the centre of a touched fruit is. In a
-            scene file without ``fruit``: the target's radius less :data:`PRESS`.
+            scene file without ``fruit``: as far as the target reaches against the approach, less
+            :data:`PRESS`, or less where the cup would press harder than the target bears.
+        stiffness: of the cup along the axis [N/m]. A guess: bellows of 20 to 40 mm give a
+            millimetre for 0.5 to 2 N.
     """
 
     radius: Size
@@ -175,6 +179,7 @@ class Suction(Validated, Tool, label="tool suction: "):
     height: float = 0.015
     angle: Annotated[float, Gt(0.0), Le(90.0), Unit("degrees")] = 30.0
     fruit: Distance = 0.015
+    stiffness: Annotated[float, Gt(0.0), Le(1e6), Unit("N/m")] = 1000.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -210,7 +215,7 @@ class Suction(Validated, Tool, label="tool suction: "):
         return tuple(out)
 
 
-PRESS = 0.002  # [m] chosen: by which the lip would enter a fruit that did not yield
+PRESS = 0.002  # [m] chosen: by which a lip goes on after its touch, so that it surely touches
 
 MESH_PLAY = 1e-4  # [m] that a piece may reach into the mouth, chosen: files have single precision
 

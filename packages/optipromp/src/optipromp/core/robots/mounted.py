@@ -118,8 +118,8 @@ class Mounted(Validated, Tool, label="tool: mount."):
             own = tuple(_placed(solid, self.turn, at) for solid in own)
         return (*own, *(solid for load in self.placed for solid in load.solids))
 
-    def holds(self, points: FloatArray) -> BoolArray:
-        return self.tool.holds(points)
+    def holds(self, begin: FloatArray, end: FloatArray) -> BoolArray:
+        return self.tool.holds(begin, end)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Centre (3,) [m] and inertia about it (3, 3) [kg m²] of the tool without its loads."""

@@ -9,6 +9,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
+from optipromp.core.compiled import called
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.tool_geometry import (
     Solid,
@@ -107,21 +108,18 @@ class Tool(Protocol):
     def solids(self) -> tuple[Solid, ...]:
         """The solids of the simulation and of pictures."""
 
-    def holds(self, points: FloatArray) -> BoolArray:
-        """Whether the tool holds objects at points (R, 3), in tool axes from the tool point.
+    def holds(self, begin: FloatArray, end: FloatArray) -> BoolArray:
+        """Whether the tool holds bodies (R,) whose axes run from ``begin`` to ``end`` (R, 3), in
+        tool axes from the tool point: from one end's ball to the other's; of a ball its centre.
 
-        By default the points between ``front`` and ``tip`` that are within the inner radius of a
-        round mouth, or between the fingers and within the width of the narrowest finger solid.
+        By default those of which a point of the axis is between ``front`` and ``tip``, and within
+        the inner radius of a round mouth, or between the fingers and within :func:`finger_width`.
         """
-        x, y, z = points.T
         ends = self.front - self.reach, self.tip - self.reach
-        if not self.fingers:
-            within = np.hypot(x, y) < self.mouth[0]
-            return np.asarray(within & (z < ends[1]) & (z > ends[0]))
-        fingers = [solid.corners for solid in self.solids() if solid.part == "finger"]
-        wide = [np.abs((own - self.point) @ self.rotation[:, 0]).max() for own in fingers]
-        across = (np.abs(y) < self.mouth[0]) & (np.abs(x) <= min(wide, default=np.inf))
-        return np.asarray(across & (z > ends[0]) & (z <= ends[1]))
+        room = self.mouth[0], *ends, finger_width(self), 1.0, 0.0, 0.0
+        lines = np.hstack([begin, end - begin]).tolist()
+        held = [meets(h, x, y, 0.0, dh, dx, dy, 0.0, *room) for x, y, h, dx, dy, dh in lines]
+        return np.array(held, dtype=np.bool_)
 
     def inertia(self, mass: float) -> tuple[FloatArray, FloatArray]:
         """Centre of a mass [kg] (3,) and inertia about it (3, 3) [kg m²], in the flange frame.
@@ -129,6 +127,49 @@ class Tool(Protocol):
         By default that of the boxes about the solids, of one density.
         """
         return solids_inertia(self.solids(), mass)
+
+
+@called
+def meets(h, x, y, z, dh, dx, dy, dz, wide, low, high, within, ax, ay, az):
+    """Whether a line meets the room of a mouth.
+
+    The line begins at the height ``h`` along the tool axis, and at (x, y, z) from that axis, across
+    it; ``dh`` and (dx, dy, dz) lead to its end. The room is between the heights ``low`` and
+    ``high``, and nearer to the axis than ``wide``: of two fingers (``within`` above 0) along the
+    opening, and at most ``within`` from the axis along (ax, ay, az), across it. All in metres.
+    """
+    a, b = _between(h, dh, low, high, 0.0, 1.0)
+    if within > 0.0:
+        w, dw = x * ax + y * ay + z * az, dx * ax + dy * ay + dz * az
+        x, y, z = x - w * ax, y - w * ay, z - w * az
+        dx, dy, dz = dx - dw * ax, dy - dw * ay, dz - dw * az
+        a, b = _between(w, dw, -within, within, a, b)
+    if a > b or wide <= 0.0:
+        return False
+    square = dx * dx + dy * dy + dz * dz
+    t = -(x * dx + y * dy + z * dz) / square if square > 0.0 else a
+    t = min(max(t, a), b)
+    x, y, z = x + t * dx, y + t * dy, z + t * dz
+    return x * x + y * y + z * z < wide * wide
+
+
+@inner
+def _between(p, d, low, high, a, b):
+    """The shares from ``a`` to ``b`` of a line for which p + share d is between ``low``, ``high``;
+    (1, 0) where it nowhere is."""
+    if d == 0.0:
+        return (a, b) if low <= p <= high else (1.0, 0.0)
+    one, other = (low - p) / d, (high - p) / d
+    return max(a, min(one, other)), min(b, max(one, other))
+
+
+def finger_width(tool: Tool) -> float:
+    """Half the width of the narrowest finger solid, across the opening [m]; 0 for a round tool."""
+    if not tool.fingers:
+        return 0.0
+    fingers = [solid.corners for solid in tool.solids() if solid.part == "finger"]
+    wide = [float(np.abs((own - tool.point) @ tool.rotation[:, 0]).max()) for own in fingers]
+    return min(wide, default=np.inf)
 
 
 def outline_of(

@@ -16,7 +16,8 @@ from pydantic import AfterValidator
 
 from optipromp.core.arrays import FloatArray, frame_along, frozen, lengths
 from optipromp.core.errors import InvalidSceneError, suggest
-from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape
+from optipromp.core.geometry.shapes import Box, Capsule, Cylinder, Shape, Sphere
+from optipromp.core.parameters import FRUIT_DENSITY, GRAVITY
 from optipromp.core.scenes.pose import (
     POINTS,
     Array,
@@ -507,6 +508,65 @@ def check_trusses(objects: Sequence[SceneObject]) -> None:
             raise InvalidSceneError(
                 f"object {item.id!r}: the root of its stem is {off:.3g} m from the stem of "
                 f"{item.stem.parent!r}, its parent: must be on it, to {STEM_SLACK:g} m"
+            )
+
+
+STANDS = 2.0  # least stiffness of a stem that stands over that which buckles, chosen
+
+
+def least_stiffness(
+    mass: ArrayLike, height: ArrayLike, bends: ArrayLike, rigid: ArrayLike
+) -> FloatArray:
+    """The least bending stiffness EI of stems that stand (N,) [N m²]; 0 of stems that hang.
+
+    A straight stem bends along a length ``bends``, a; its fruit is a ``rigid`` length b up to the
+    ``mass`` m [kg], a ``height`` h over the root [m]. The weight presses along the stem with
+    P = m g h / (a + b). With k² = P / EI its end is δ (1 - cos ka) aside where the mass is δ aside,
+    so it buckles where (b / a) u tan u = 1, u = ka: at EI = P a² / u², which without a rigid length
+    is Euler's 4 m g L² / π². The least stiffness is :data:`STANDS` times that.
+    """
+    mass, height, a, b = np.broadcast_arrays(mass, height, bends, rigid)
+    low, high = np.zeros(mass.shape), np.full(mass.shape, np.pi / 2.0)
+    for _ in range(40 if (height > 0.0).any() else 0):
+        u = 0.5 * (low + high)
+        short = b * u * np.sin(u) < a * np.cos(u)
+        low, high = np.where(short, u, low), np.where(short, high, u)
+    pressing = mass * GRAVITY * np.maximum(height, 0.0) / (a + b)
+    return np.asarray(STANDS * pressing * (a / high) ** 2)
+
+
+def mass_of(item: SceneObject, density: float = FRUIT_DENSITY) -> float:
+    """Mass of a fruit [kg]: stated, else of its volume and its stated density, else ``density``."""
+    given = item.physical
+    return float(given.get("mass") or given.get("density", density) * item.shape.volume)
+
+
+def least_of(item: SceneObject, load: float, up: FloatArray) -> float:
+    """:func:`least_stiffness` of a fruit's stem under a ``load`` [kg]; ``up``: (3,) vertical."""
+    assert item.stem is not None
+    rigid, long = float(np.linalg.norm(item.stem.points[0] - item.position)), item.stem.length
+    inside = item.radius if isinstance(item.shape, Sphere) and rigid == 0.0 else 0.0
+    height = float((item.position - item.stem.root) @ up)
+    return float(least_stiffness(load, height, max(long - inside, 0.2 * long), rigid + inside))
+
+
+def check_upright(objects: Sequence[SceneObject], up: FloatArray, density: float) -> None:
+    """Refuse fruits of a known place whose stem is stated to be softer than it must be to stand."""
+    if not any("stem_stiffness" in item.physical for item in objects):
+        return
+    carried = {item.id: 0.0 for item in objects}
+    for item in reversed(parents_first(objects)):
+        if item.stem is None:
+            continue
+        carried[item.id] += mass_of(item, density)
+        if item.stem.parent is not None:
+            carried[item.stem.parent] += carried[item.id]
+        stated, load = item.physical.get("stem_stiffness", np.inf), carried[item.id]
+        if item.covariance is None and stated < (1.0 - 1e-6) * (least := least_of(item, load, up)):
+            raise InvalidSceneError(
+                f"object {item.id!r}: physical.stem_stiffness is {stated:.3g}: its stem stands, "
+                f"carries {1e3 * load:.3g} g and buckles below {least / STANDS:.3g}; must be at "
+                f"least {least:.3g} [N m²], or not stated: then it is as stiff as it needs"
             )
 
 

@@ -11,7 +11,9 @@ stem exactly (static condensation, Guyan 1965): w = W u with energy ½ uᵀ K u,
 directions across the stem. A deflected stem lifts its fruit by ½∫w'² ds = ½ uᵀ S u.
 
 A stem of unknown stiffness has that of green peduncles (a guess, :class:`BeamParameters`). A
-leaning stem is at least so stiff that the fruit's weight turns it by the angle that it grew with.
+leaning stem is at least so stiff that the fruit's weight turns it by the angle that it grew with. A
+stem that stands is pressed by the weight in place of the tension; none is softer than
+:func:`optipromp.core.scenes.objects.least_stiffness`.
 
 A truss is a tree of straight beams, whose stems grow from other stems. A force on a fruit moves the
 fruit by the bending of its stem, and by the motion of the stem's root on the stems that carry it.
@@ -31,6 +33,7 @@ from scipy.linalg.lapack import dpbsv
 from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.compiled import kernel
 from optipromp.core.pushing.parameters import PUSH
+from optipromp.core.scenes.objects import least_stiffness
 from optipromp.core.scenes.scene import SceneObject
 
 BEAM = PUSH.beam
@@ -113,6 +116,14 @@ def hanging_balls(fruit: SceneObject) -> Balls:
     return Balls(read_only(center), pair.radius, pair.above, pair.apart)
 
 
+def axis_of(fruit: SceneObject) -> FloatArray:
+    """The axis of a fruit: centres (2, 3) of its lower and upper ball, in its local frame [m]."""
+    own, stem = hanging_balls(fruit), fruit.stem
+    line = np.zeros(3) if stem is None else (stem.root - fruit.position)
+    up = own.apart * line / max(float(np.linalg.norm(line)), 1e-12)
+    return np.asarray((own.center - fruit.position + [[0.0, 0.0, 0.0], up]) @ fruit.rotation)
+
+
 def bent_stems(
     root: FloatArray, fruit: FloatArray, radius: FloatArray, thickness: FloatArray,
     up: FloatArray = UP, apart: FloatArray | float = 0.0, above: FloatArray | None = None,
@@ -147,8 +158,12 @@ def bent_stems(
         weight, grown = _carried(whole, weight, up, n)
         thick[np.unique(parent[parent >= 0])] = BEAM.truss_diameter
     assumed = np.maximum(BEAM.youngs_modulus * np.pi / 64.0 * thick**4, grown / BEAM.grown_turn)
-    bending = factor * np.where(np.isnan(stiffness), assumed, stiffness)
-    tension = weight * (np.abs(down) if whole is None else np.abs(down)[:, None])
+    load = weight if whole is None else weight[:, 0]
+    bending = np.maximum(
+        factor * np.where(np.isnan(stiffness), assumed, stiffness),
+        least_stiffness(load / BEAM.gravity, length * down, length - above - apart, above + apart),
+    )
+    tension = weight * (-down if whole is None else -down[:, None])  # below 0: the stem stands
     h = length / n
     stiffer = np.where(
         (np.arange(n) + 0.5) / n > (1.0 - (above + apart) / length)[:, None], BEAM.stiff_end, 1.0

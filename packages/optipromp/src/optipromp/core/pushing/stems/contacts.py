@@ -301,12 +301,20 @@ def on_cup(s, f, i, at, cup):
     """Contact of fruit i with the cup: gap, direction and share of the stem."""
     center = f.center
     gap, n0, n1, n2 = fruit_gap(center[i, 0], center[i, 1], center[i, 2], s.radius[i], at, cup)
-    if s.upper[i] < 1.0:
-        x, y, z = place(s, f.u, i, s.length[i] - f.up[i], s.upper[i])
-        over, m0, m1, m2 = fruit_gap(x, y, z, s.above[i], at, cup)
-        if over < gap:
-            return over, m0, m1, m2, s.upper[i]
-    return gap, n0, n1, n2, 1.0
+    where = 1.0
+    if s.upper[i] < 1.0:  # a fruit of more than five radii has balls between, two radii apart
+        apart, wide = (1.0 - s.upper[i]) * s.length[i], max(s.radius[i], s.above[i])
+        count = math.ceil(0.5 * apart / wide) if apart > 3.0 * wide else 1
+        for k in range(1, count + 1):
+            share, radius = s.upper[i], s.above[i]
+            if k < count:
+                share = 1.0 - (1.0 - share) * k / count
+                radius = s.radius[i] + (radius - s.radius[i]) * k / count
+            x, y, z = place(s, f.u, i, s.length[i] - f.up[i], share)
+            over, m0, m1, m2 = fruit_gap(x, y, z, radius, at, cup)
+            if over < gap:
+                gap, n0, n1, n2, where = over, m0, m1, m2, share
+    return gap, n0, n1, n2, where
 
 
 @inlined

@@ -13,7 +13,7 @@ from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.compiled import called, inner, kernel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.robots.tool_protocol import Tool, meets
 from optipromp.core.robots.tools import WALL
 from optipromp.core.scenes.objects import SceneObject
 
@@ -23,7 +23,11 @@ ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touch
 
 
 class Mouth(NamedTuple):
-    """A round cup: radii, and heights over the tool point [m]; solid where inner = -outer."""
+    """A round cup: radii, and heights over the tool point [m]; solid where inner = -outer.
+
+    Of fingers (``within`` above 0, ``cut`` 0), radii are the distances of their inner sides and
+    backs from the axis: fruits meet two boxes and the palm's box; stems meet the cup.
+    """
 
     inner: float
     outer: float
@@ -35,10 +39,13 @@ class Mouth(NamedTuple):
     flange_top: float = -1.0  # height of the end of the last link
     end: float = -1.0  # height of the other end of the last link, and of the neck
     cut: float = 0.0  # of blades: distance of the place of the cut from the target's centre, else 0
-    within: float = 0.0  # of blades: half of their width
-    ax: float = 0.0  # of blades: the direction of their width, which is across the opening
+    within: float = 0.0  # of fingers and blades: half of their width
+    ax: float = 0.0  # of these: the direction of their width, which is across the opening
     ay: float = 0.0
     az: float = 0.0
+    palm_x: float = 0.0  # of fingers: half of the width of the palm across the opening
+    palm_y: float = 0.0  # likewise along it
+    palm_end: float = 0.0  # height of the palm's back
     rubbing: float = PUSH.swing.friction  # coefficient of friction on fruits
     cone: float = 0.0  # height of the cone under the base, from its edge to the neck; 0: none
 
@@ -147,9 +154,58 @@ def in_cup(x, y, z, at):
 def fruit_gap(x, y, z, radius, at, cup):
     """Gap of a fruit to the cup, and the direction in which the cup pushes the fruit."""
     h, rho, x, y, z = in_cup(x, y, z, at)
+    if cup.within > 0.0 and cup.cut == 0.0:
+        return _hand_gap(h, rho, x, y, z, radius, at, cup)
     d, g0, g1 = cup_distance(rho, h, cup)
     out = g0 / rho if rho > 1e-9 else 0.0
     return d - radius, out * x + g1 * at.u, out * y + g1 * at.v, out * z + g1 * at.w
+
+
+@inner
+def _block(x, y, z, a, b, c):
+    """Signed distance of a point to a box of half sizes (a, b, c) about the origin, and its
+    gradient."""
+    px, py, pz = abs(x) - a, abs(y) - b, abs(z) - c
+    ox, oy, oz = max(px, 0.0), max(py, 0.0), max(pz, 0.0)
+    out = math.sqrt(ox * ox + oy * oy + oz * oz)
+    if out > 0.0:
+        return (
+            out, math.copysign(ox, x) / out, math.copysign(oy, y) / out, math.copysign(oz, z) / out
+        )  # fmt: skip
+    if px >= py and px >= pz:
+        return px, math.copysign(1.0, x), 0.0, 0.0
+    if py >= pz:
+        return py, 0.0, math.copysign(1.0, y), 0.0
+    return pz, 0.0, 0.0, math.copysign(1.0, z)
+
+
+@inner
+def _hand_gap(h, rho, x, y, z, radius, at, cup):
+    """:func:`fruit_gap` of fingers, to a fruit at the height h and at (x, y, z) from the axis."""
+    off = cup.ax * at.u + cup.ay * at.v + cup.az * at.w
+    ax, ay, az = cup.ax - off * at.u, cup.ay - off * at.v, cup.az - off * at.w
+    long = 1.0 / math.sqrt(ax * ax + ay * ay + az * az)
+    ax, ay, az = long * ax, long * ay, long * az
+    bx, by, bz = at.v * az - at.w * ay, at.w * ax - at.u * az, at.u * ay - at.v * ax
+    p, q = x * ax + y * ay + z * az, x * bx + y * by + z * bz
+    thick, deep = 0.5 * (cup.outer - cup.inner), 0.5 * (cup.rim - cup.base)
+    d, gp, gq, gh = _block(
+        p, abs(q) - cup.inner - thick, h - cup.base - deep, cup.within, thick, deep
+    )
+    gq = math.copysign(gq, q * gq)
+    deep = 0.5 * (cup.base - cup.palm_end)
+    e, ep, eq, eh = _block(p, q, h - cup.base + deep, cup.palm_x, cup.palm_y, deep)
+    if e < d:
+        d, gp, gq, gh = e, ep, eq, eh
+    if cup.flange > 0.0:
+        e, out, eh = _box(rho, h, -cup.flange, cup.flange, cup.end, cup.flange_top)
+        if e < d:
+            d, gh, out = e, eh, out / rho if rho > 1e-9 else 0.0
+            gp, gq = out * p, out * q
+    return (
+        d - radius, gp * ax + gq * bx + gh * at.u, gp * ay + gq * by + gh * at.v,
+        gp * az + gq * bz + gh * at.w,
+    )  # fmt: skip
 
 
 @called
@@ -177,21 +233,32 @@ def stem_gap(x, y, z, radius, within, at, cup):
 
 
 @inner
-def inside_cup(x, y, z, at, cup):
-    """Whether a fruit with this centre counts as inside the cup."""
-    h, rho, _, _, _ = in_cup(x, y, z, at)
-    return rho < cup.inner and cup.base < h < cup.rim - SWING.barely
+def inside_cup(x, y, z, rx, ry, rz, apart, at, cup):
+    """Whether a fruit is inside the cup, or between the fingers.
+
+    Its axis begins at the lower ball's centre (x, y, z) and leads ``apart`` [m] towards the stem's
+    root (rx, ry, rz). See :func:`optipromp.core.robots.tool_protocol.meets`.
+    """
+    h, _, a, b, c = in_cup(x, y, z, at)
+    dh = da = db = dc = 0.0
+    if apart > 0.0:
+        rx, ry, rz = rx - x, ry - y, rz - z
+        share = apart / math.sqrt(rx * rx + ry * ry + rz * rz)
+        dh, _, da, db, dc = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
+        dh, da, db, dc = dh - h, da - a, db - b, dc - c
+    ends = cup.base, cup.rim - SWING.barely
+    return meets(h, a, b, c, dh, da, db, dc, cup.inner, *ends, cup.within, cup.ax, cup.ay, cup.az)
 
 
 @called
-def taken(x, y, z, rx, ry, rz, at, cup):
-    """Whether the target with this centre is inside the cup.
+def taken(x, y, z, rx, ry, rz, apart, at, cup):
+    """Whether the target is inside the cup; see :func:`inside_cup`.
 
     Of blades: whether the place of the cut, on the line to the stem's root (rx, ry, rz), is between
     them.
     """
     if cup.cut == 0.0:
-        return inside_cup(x, y, z, at, cup)
+        return inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
     rx, ry, rz = rx - x, ry - y, rz - z
     share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)
     h, rho, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
@@ -200,14 +267,19 @@ def taken(x, y, z, rx, ry, rz, at, cup):
 
 
 @kernel
-def steps_inside(positions, points, axes, cup):
-    """Number of steps (N,) in which each fruit, at ``positions`` (P, N, 3), is inside the cup."""
+def steps_inside(positions, points, axes, cup, s):
+    """Number of steps (N,) in which each fruit, at ``positions`` (P, N, 3), is inside the cup.
+
+    ``s``: the N stems.
+    """
     within = np.zeros(positions.shape[1], dtype=np.int64)
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         for i in range(len(within)):
             x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
-            within[i] += inside_cup(x, y, z, at, cup)
+            rx, ry, rz = s.root[i, 0], s.root[i, 1], s.root[i, 2]
+            apart = (1.0 - s.upper[i]) * s.length[i]
+            within[i] += inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
     return within
 
 

@@ -25,10 +25,10 @@ from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.pushing.stems import bending, kept_states, swinging
 from optipromp.core.pushing.stems.cup import Mouth, fits, steps_inside
 from optipromp.core.robots.cup_cover import NECK_RADIUS
-from optipromp.core.robots.grippers import Scissor
+from optipromp.core.robots.grippers import Scissor, Suction
 from optipromp.core.robots.ik import uniform
 from optipromp.core.robots.mounted import unmounted
-from optipromp.core.robots.tool_protocol import Tool
+from optipromp.core.robots.tool_protocol import Tool, finger_width
 from optipromp.core.robots.tools import WALL, cone_of
 from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import Scene, SceneObject, packed
@@ -224,7 +224,7 @@ class Hanging(PushModel):
         inner = inner if inner > 0.0 else -outer  # solid
         base = tool.front - tool.reach
         walls = inner, outer, base, tool.depth, WALL
-        cup = Mouth(*walls, NECK_RADIUS, *flange, *_cut(scene, tool))
+        cup = Mouth(*walls, NECK_RADIUS, *flange, *fingers_of(scene, tool))
         self.cup = cup._replace(cone=cone_of(tool))
         where = target.position, HANGING.around
         self.static, avoid = (
@@ -240,6 +240,7 @@ class Hanging(PushModel):
         self.states = HANGING.detected_states if detected else HANGING.states
         self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
         self.least = unfit(scene, tool, self.stems.axes[:: self.count, 2], self.searched)
+        self.least += max(pressed_at_end(scene, tool) / PUSH.harm.target_force - 1.0, 0.0)
         self.good = PUSH.harm.good + self.least
         self._by: FloatArray | None = None  # (N, P, 3) drifts of the roots [m]
         self._way, self._before = _Way(), _Before()
@@ -319,8 +320,8 @@ class Hanging(PushModel):
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > PUSH.harm.inside_time:
-            _, (points, axes, dt) = self._steps(0, 1, points, axes)
-            within = steps_inside(worst.positions, points, axes, self.cup)[1:]
+            some, (points, axes, dt) = self._steps(0, 1, points, axes)
+            within = steps_inside(worst.positions, points, axes, self.cup, some)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
                 name
@@ -328,6 +329,10 @@ class Hanging(PushModel):
                 if steps * dt > PUSH.harm.inside_time or steps == most
             )
             return first, f"and {' and '.join(others)} are swallowed" if others else "is swallowed"
+        if self.cup.inner < 0.0 < self.least:  # a suction cup
+            force, bears = (1.0 + self.least) * PUSH.harm.target_force, PUSH.harm.target_force
+            remedy = f"bears {bears:g}: state no tool.fruit, or a larger one"
+            return names[0], f"is pressed by {force:.1f} N at the lip ({remedy})"
         if self.least > 0.5:  # in most states
             return names[0], "does not fit into the tool's mouth"
         if found.missed:
@@ -509,15 +514,35 @@ def unfit(scene: Scene, tool: Tool, lines: FloatArray, first: int) -> float:
     return float(np.clip(1.0 - room / fit, 0.0, 1.0).mean())
 
 
-def _cut(scene: Scene, tool: Tool) -> tuple[float, ...]:
-    """The last fields of :class:`Mouth`, of a scissor that is led to the target's stem.
+def pressed_at_end(scene: Scene, tool: Tool) -> float:
+    """Force of a suction cup on a target whose stem stands, at the end of the approach [N].
 
-    Its blades are side by side along y_g, as the planner rolls them.
+    The stem cannot yield along its line: the cup does. 0 for other tools, and for stems that hang.
     """
-    blades = unmounted(tool)
-    if not isinstance(blades, Scissor) or not tool.mouth[0]:  # of full blades it is 0
+    target, cup, axis = scene.target, unmounted(tool), scene.frame[2]
+    assert target is not None
+    if not isinstance(cup, Suction) or target.stem is None:
+        return 0.0
+    rise = target.position - target.stem.root
+    along = -float(rise @ axis) / float(np.linalg.norm(rise)) if rise @ scene.up > 0.0 else 0.0
+    deep = float(target.shape.support(-axis[None] @ target.rotation)[0]) - cup.fruit
+    return cup.stiffness * max(deep + float(scene.approach.shift @ axis), 0.0) * max(along, 0.0)
+
+
+def fingers_of(scene: Scene, tool: Tool) -> tuple[float, ...]:
+    """The fields of :class:`Mouth` of a tool with fingers or blades, from ``cut`` on; or none.
+
+    They are side by side along y_g, as the planner rolls them. ``cut`` is of a scissor that is led
+    to the target's stem.
+    """
+    if not tool.fingers or not tool.mouth[0]:  # of full ones it is 0
         return ()
-    return math.hypot(*scene.approach.shift), 0.5 * blades.blade_width, *scene.frame[0].tolist()
+    if isinstance(unmounted(tool), Scissor):
+        return math.hypot(*scene.approach.shift), finger_width(tool), *scene.frame[0].tolist()
+    palm = [solid.corners for solid in tool.solids() if solid.part == "palm"]
+    x, y, z = ((np.concatenate(palm) - tool.point) @ tool.rotation).T if palm else np.zeros((3, 1))
+    sizes = float(np.abs(x).max()), float(np.abs(y).max()), float(z.min())
+    return 0.0, finger_width(tool), *scene.frame[0].tolist(), *sizes
 
 
 @lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits

@@ -322,7 +322,7 @@ def push(
         _follow_truss(s, f, held, load)
         _advance(s, f, c, d, step, solid)
         positions[p] = f.center
-        _take(f, at, cup, dt, p, p >= leaves, forces, stem_forces, spell, pinched, so_far)
+        _take(s, f, at, cup, dt, p, p >= leaves, forces, stem_forces, spell, pinched, so_far)
         if p >= leaves:
             pull_on(s, f, step, speed, pulls)
         if _so_far(so_far, pulls, p >= leaves, False) > worst:
@@ -404,7 +404,8 @@ def clear(s, points, axes, cup):
 
     Fruit and stem are clear before the rim, behind the end of the last link, or aside of both.
     """
-    e, wide = s.axes, max(cup.outer, cup.neck, cup.flange) + SWING.close
+    palm = math.hypot(cup.palm_x, cup.palm_y)
+    e, wide = s.axes, max(cup.outer, cup.neck, cup.flange, palm) + SWING.close
     for p in range(len(points)):
         at = MouthPose(points[p, 0], points[p, 1], points[p, 2], axes[p, 0], axes[p, 1], axes[p, 2])
         for i in range(len(s.root)):
@@ -453,7 +454,7 @@ def _advance(s, f, c, d, step, solid):
 
 
 @inner
-def _take(f, at, cup, dt, p, out, forces, stem_forces, spell, pinched, so_far):
+def _take(s, f, at, cup, dt, p, out, forces, stem_forces, spell, pinched, so_far):
     """Update the harm ``so_far`` (5,) by step p; ``out``: on the way out.
 
     ``spell`` (N,) counts the steps since which each fruit has been inside, ``pinched`` (N,) the
@@ -472,7 +473,10 @@ def _take(f, at, cup, dt, p, out, forces, stem_forces, spell, pinched, so_far):
         if i == 0:
             so_far[2] = max(so_far[2], lasting_on_fruit)
             continue
-        swallowed = inside_cup(f.center[i, 0], f.center[i, 1], f.center[i, 2], at, cup)
+        x, y, z = f.center[i, 0], f.center[i, 1], f.center[i, 2]
+        rx, ry, rz = s.root[i, 0], s.root[i, 1], s.root[i, 2]
+        apart = (1.0 - s.upper[i]) * s.length[i]
+        swallowed = inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
         spell[i] = spell[i] + 1 if swallowed else 0
         so_far[3] = max(so_far[3], spell[i] * dt)
         if f.firmly[i] and f.pressed[i] > 0.0:
@@ -511,7 +515,8 @@ def led(
     x, y, z = positions[-1, 0]
     end = MouthPose(*points[-1], *axes[-1])
     rx, ry, rz = s.root[0]
-    missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup)
+    apart = (1.0 - s.upper[0]) * s.length[0]
+    missed = cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, apart, end, cup)
     stem, fruit, target, within, pinched = so_far.tolist()
     if leaves < steps:
         target, missed = 0.0, False
@@ -561,7 +566,9 @@ def summed_score(
             kept[d] = own
         x, y, z = positions[p, 0, 0], positions[p, 0, 1], positions[p, 0, 2]
         rx, ry, rz = s.root[low, 0], s.root[low, 1], s.root[low, 2]
-        missed = done < steps or (cup.inner > 0.0 and not taken(x, y, z, rx, ry, rz, end, cup))
+        apart = (1.0 - s.upper[low]) * s.length[low]
+        held = cup.inner > 0.0 and taken(x, y, z, rx, ry, rz, apart, end, cup)
+        missed = done < steps or (cup.inner > 0.0 and not held)
         score = _so_far(h, pulls, leaves < steps, missed)
         total += min(score, hopeless)
         if seen and d == 0 and total >= hopeless:
