@@ -5,9 +5,8 @@ from collections import deque
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.planning.leg_tasks import mass_of
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.scenes.scene import SceneObject
+from optipromp.core.scenes.objects import SceneObject, mass_of
 from optipromp.core.values import array
 from optipromp_loop.control.parameters import LoopParameters
 

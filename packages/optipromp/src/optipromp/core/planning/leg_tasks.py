@@ -88,12 +88,6 @@ def carry_scene(legs: Mapping[str, Plan]) -> tuple[Scene, Robot]:
     return scene, robot
 
 
-def mass_of(fruit: SceneObject) -> float:
-    """The mass that a fruit states; else that of its volume at its density [kg]."""
-    mass = fruit.physical.get("density", PUSH.beam.fruit_density) * fruit.shape.volume
-    return float(fruit.physical.get("mass", mass))
-
-
 @functools.lru_cache(maxsize=4)  # by identity: all legs of a reach ask for it
 def held(reach: Plan) -> tuple[Scene, Robot]:
     """The scene without the picked fruit, and the robot whose tool holds the fruit.

@@ -9,7 +9,7 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 
 from optipromp.core.arrays import BoolArray, FloatArray, frozen
-from optipromp.core.compiled import called
+from optipromp.core.compiled import called, inner
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.robots.tool_geometry import (
     Solid,
