@@ -232,7 +232,7 @@ def stem_gap(x, y, z, radius, within, at, cup):
     return gap, out * x, out * y, out * z
 
 
-@inner
+@called
 def inside_cup(x, y, z, rx, ry, rz, apart, at, cup):
     """Whether a fruit is inside the cup, or between the fingers.
 
