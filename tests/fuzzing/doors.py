@@ -319,16 +319,20 @@ def bag(random: Random) -> Mutant:
     """A bag that is damaged, or one of messages that are changed."""
     name, content = random.choice(list(bags().items()))
     items = [message_changed(random, item) if random.random() < 0.2 else item for item in filmed()]
-    which, chosen = random.randrange(3), random.choice(["c.mcap", name])
+    which, chosen = random.randrange(4), random.choice(["c.mcap", name])
 
     def act(folder: Path) -> str:
         from optipromp.core.scenes.io import load_scene
         from optipromp_ros import Recorded, bag_pictures, load_recording, read_trajectory, write_bag
+        from optipromp_ros.shadow import load_picks
 
         topics = "/info", "/colour", "/depth", "/tf", "/joint_states"
         told = [Recorded(t, item, 10**9) for t, item in zip(topics, items, strict=True)]
         write_bag(folder / "c.mcap", told)
-        reads = load_recording, read_trajectory, lambda of: list(bag_pictures(of, scene))
+        reads = (
+            load_recording, read_trajectory, lambda of: list(bag_pictures(of, scene)),
+            lambda of: load_picks(of, scene, gripper=None, marks=[]),
+        )  # fmt: skip
         scene = load_scene("scenario-3")
         reads[which](folder / chosen)
         return "success"

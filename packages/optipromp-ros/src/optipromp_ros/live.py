@@ -380,6 +380,23 @@ class DetectionParameters(Checked):
                 )
 
 
+def meaning(given: Sequence[str]) -> DetectionParameters:
+    """Classes with their roles, each as ``CLASS=ROLE`` or ``CLASS=ROLE:stem``; none: the usual.
+
+    Raises:
+        InvalidRequestError: a text of another form, or a role that is no fruit's.
+    """
+    roles, stems = dict[str, str](), list[str]()
+    for text in given:
+        name, equals, rest = text.rpartition("=")
+        role, colon, stem = rest.partition(":")
+        if not name or not equals or (colon and stem != "stem"):
+            raise InvalidRequestError(f"--role is {text!r}: must be CLASS=ROLE or CLASS=ROLE:stem")
+        roles[name] = role
+        stems += [name] if stem else []
+    return DetectionParameters(roles=roles, stems=tuple(stems)) if roles else DetectionParameters()
+
+
 def read_detections(
     item: Message,
     frames: Mapping[str, Pose],

@@ -62,7 +62,7 @@ def bag_pictures(
         if found is None or (last is not None and found.stamp < last + every * NANO):
             continue
         first, last = found.stamp if first is None else first, found.stamp
-        picture = found.picture(where.at(found))
+        picture = found.picture(where.at(found.header.frame_id, found.stamp))
         yield BagPicture(picture, (found.stamp - first) / NANO)
     if first is None:
         seen = ", ".join(f"{topic} ({what})" for topic, what in taken.seen.items()) or "none"

@@ -12,7 +12,6 @@ from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes.pictures import CameraModel
 from optipromp_ros.frames import TF, Frames, known_frames, link_prefix
-from optipromp_ros.images import Taken
 from optipromp_ros.recordings import of_one_arm, tell
 from optipromp_ros.trajectories import NANO
 from optipromp_ros.types import Recorded
@@ -39,7 +38,7 @@ class CameraPlace:
             self._states.append(item)
 
     @cached_property
-    def _arm(self) -> tuple[Measured, int]:
+    def arm(self) -> tuple[Measured, int]:
         """The arm, and from when its times count [ns]; joint states of others are left out."""
         robot, states = self._robot, self._states
         asked = [item for item in states if item.topic in self._topics] or states
@@ -48,15 +47,15 @@ class CameraPlace:
         arm = Measured(robot.joint_names, robot.turns, prefix=self._prefix, what=what)
         return arm, tell(arm, of_one_arm(self._path, asked, names))[0]
 
-    def at(self, taken: Taken) -> Pose:
-        """The pose of a picture's camera in the base.
+    def at(self, frame: str, stamp: int) -> Pose:
+        """The pose of a camera's ``frame`` in the base at a ``stamp`` [ns].
 
         Raises:
             InvalidRequestError: nothing tells it.
         """
-        (arm, origin), robot, q, why = self._arm, self._robot, None, ""
+        (arm, origin), robot, q, why = self.arm, self._robot, None, ""
         try:
-            q = arm.at((taken.stamp - origin) / NANO)
+            q = arm.at((stamp - origin) / NANO)
         except InvalidRequestError as error:
             why = f"; {error.message}"
         if self._camera is not None and (self._camera.mount != "hand" or q is not None):
@@ -66,8 +65,8 @@ class CameraPlace:
         del known[""]
         try:
             if self._camera is None:
-                return self._frames.find(taken.header.frame_id, known, taken.stamp)
-            hand = self._frames.find(before + robot.arm.tip, known, taken.stamp)
+                return self._frames.find(frame, known, stamp)
+            hand = self._frames.find(before + robot.arm.tip, known, stamp)
             return self._camera.on(hand).pose
         except InvalidRequestError as error:
             where = "the hand" if self._camera else "the camera"

@@ -13,7 +13,8 @@ GIVEN = {
     "simulate": "sim", "mjcf": "sim",
     "study_report": "bench",
     "foreseen": "loop",
-    "bag_pictures": "ros", "load_recording": "ros", "read_trajectory": "ros", "write_plan": "ros",
+    "bag_pictures": "ros", "load_picks": "ros", "load_recording": "ros",
+    "read_trajectory": "ros", "write_plan": "ros",
     "teaching_page": "page",
 }  # fmt: skip
 """The package that gives each part."""

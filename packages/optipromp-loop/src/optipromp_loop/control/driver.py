@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
-from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.trajectory import Motion, State, Trajectory
 from optipromp.core.values import Unlimited
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
 from optipromp_loop.control.tracker import Tracked
@@ -121,46 +121,73 @@ def follow(
 ) -> Course | None:  # fmt: skip
     """The course along a route from ``phase`` on, beginning in ``state`` at the time ``begins``.
 
-    Of several times of the blend and rates, in order, the first counts with which the curve keeps
-    the robot's limits. A blend that is longer than what is left of the path would have nothing to
-    guide it, and swing past the end. None: with none of them, or the arm cannot reach the moved
-    path.
+    The curve is the path, moved with the plant, and the state's error beside it, which fades in the
+    time of a blend: however often the path is moved anew, the error shrinks. Of several rates and
+    blends, in order, the first counts with which the curve keeps the robot's limits. A blend that
+    is longer than what is left of the path would swing past its end. None: with none of them, or
+    the arm cannot reach the moved path.
     """
-    ways = [(blend, parameters.rates[0]) for blend in parameters.blends[:3]]
-    ways += [(blend, rate) for rate in parameters.rates[1:] for blend in parameters.blends[1:]]
-    left = route.duration - phase
-    for blend, rate in ways:
-        if left > 0.0 and blend > max(left * rate, parameters.blends[0]):
+    ways = [(parameters.rates[0], parameters.blends[:3])]
+    ways += [(rate, parameters.blends[1:]) for rate in parameters.rates[1:]]
+    left, robot = route.duration - phase, route.robot
+    for rate, blends in ways:
+        path = _path(route, phase, begins, field, rate, parameters)
+        if path is None:
             continue
-        curve = _curve(route, phase, state, begins, field, blend, rate, parameters.tail)
-        if curve is not None:
-            return Course(curve, begins, phase, rate)
+        times, q, motion = path
+        away = [np.subtract(*pair) for pair in zip(vars(state).values(), motion, strict=True)]
+        for blend in blends:
+            if left > 0.0 and blend > max(left * rate, parameters.blends[0]):
+                continue
+            knots = np.vstack([state.q, q + faded(away, blend, times)])
+            at = np.append(0.0, times)
+            curve = Trajectory.through(knots, at, robot.joint_names, begin=state)
+            inside = (curve.positions >= robot.lower) & (curve.positions <= robot.upper)
+            if inside.all() and needs(robot, curve).max() <= 1.0:
+                return Course(curve, begins, phase, rate)
     return None
 
 
-def _curve(
-    route: Route, phase: float, state: State, begins: float, field: Displacement, blend: float,
-    rate: float, tail: float,
-) -> Trajectory | None:  # fmt: skip
-    made, robot = route.trajectory, route.robot
-    rows = np.flatnonzero((made.times - phase) * rate > blend)
-    times = (made.times[rows] - phase) * rate
-    end = max((made.duration - phase) * rate, blend)
+def faded(away: Sequence[FloatArray], blend: float, times: FloatArray) -> FloatArray:
+    """The error (m, n) at ``times`` (m,) [s], of one that fades in the time ``blend`` [s].
+
+    The quintic from ``away``, three (n,): the error, its velocity and its acceleration at 0, to a
+    rest at 0.
+    """
+    s = np.clip(times / blend, 0.0, 1.0)[:, None]
+    value = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+    rate = s - s**3 * (6.0 - 8.0 * s + 3.0 * s**2)
+    bend = 0.5 * s**2 * (1.0 - s) ** 3
+    return np.asarray(value * away[0] + blend * rate * away[1] + blend**2 * bend * away[2])
+
+
+GAP = 0.025  # [s] from the begin of a curve to its next waypoint, at least: a choice
+STEP = 0.02  # [s] of the differences that tell how the moved path moves: a choice
+
+
+def _path(
+    route: Route, phase: float, begins: float, field: Displacement, rate: float,
+    parameters: LoopParameters,
+) -> tuple[FloatArray, FloatArray, Motion] | None:  # fmt: skip
+    """Times (m,) [s] after ``begins`` and configurations (m, n) of the rest of a route, moved with
+    the plant, and how it moves at ``begins``; None: the arm cannot reach it."""
+    made, robot, tail = route.trajectory, route.robot, parameters.tail
+    rows = (made.times - phase) * rate
+    end = max(float(rows[-1]), parameters.blends[0])
     rest = tail * np.array([1.0, 2.0, 3.0]) / 3.0  # the plant's motion fades in the tail
-    late = end + (rest if len(rows) else np.append(0.0, rest))
-    asked = np.append(times, end + np.minimum(late - end, tail) * (1.0 - 0.5 * (late - end) / tail))
-    times = np.append(times, late)
-    rows = np.append(rows, np.full(len(late), made.n_waypoints - 1))
-    points = route.points[rows]
-    shift = route.weight[rows, None] * field.at(points, begins + asked)
-    q, errors = ik.each(robot, points + shift, route.axes[rows], made.positions[rows])
+    times = np.append(rows[(rows > GAP) & (rows < end - GAP)], [end, *(end + rest)])
+    at = np.concatenate([[-STEP, 0.0, STEP], times])
+    late = np.clip(at - end, 0.0, tail)
+    q, _, _ = made.sample(phase + at / rate)
+    points, axes = robot.tool_pose(q)
+    weight = np.interp(phase + at / rate, made.times, route.weight)
+    shift = weight[:, None] * field.at(points, begins + at - 0.5 * late**2 / tail)
+    q, errors = ik.each(robot, points + shift, axes, q)
     if errors.max() > TRACKED:
         return None
-    curve = Trajectory.through(
-        np.vstack([state.q, q]), np.append(0.0, times), robot.joint_names, begin=state
-    )
-    inside = (curve.positions >= robot.lower) & (curve.positions <= robot.upper)
-    return curve if inside.all() and needs(robot, curve).max() <= 1.0 else None
+    before, now, after = q[:3]
+    moves = (after - before) / (2.0 * STEP), (after - 2.0 * now + before) / STEP**2
+    return times, q[3:], (now, *moves)
 
 
 MOVED = 1e-4  # [m] of a predicted push, below which a fruit counts as free: a choice

@@ -29,7 +29,7 @@ class LoopParameters(Checked):
     changed: float = parameter(0.002, "m", "choice", "motion of a fruit that asks for a prediction")
     still: float = parameter(2e-4, "m", "choice", "of the path: below, the running curve goes on")
     field: float = parameter(0.05, "m", "choice", "where a fruit's displacement counts 1/e")
-    # until a curve meets the moved path
+    # in which the error beside the moved path fades
     blends: tuple[float, ...] = parameter((0.1, 0.2, 0.4, 0.8, 1.5), "s", "choice", "tried")
     # of the time of the rest of a path
     rates: tuple[float, ...] = parameter((1.0, 1.3, 2.0, 3.0), "1", "choice", "factors tried")

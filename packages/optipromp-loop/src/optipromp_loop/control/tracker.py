@@ -63,6 +63,11 @@ class Tracked:
     _belief: Belief = field(repr=False)
     _world: Setting = field(repr=False)
 
+    @property
+    def ripe(self) -> BoolArray:
+        """(F,) whether a track was detected as a target at least as often as otherwise."""
+        return np.array([one.votes[0] >= max(one.votes) for one in self._belief.tracks], dtype=bool)
+
     def sway(self, times: FloatArray) -> FloatArray:
         """The predicted common displacement (M, 3) of the plant [m], at ``times`` as of moves."""
         state = self._belief.state

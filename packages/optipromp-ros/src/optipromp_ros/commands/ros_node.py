@@ -96,7 +96,10 @@ def ros_node(
     from optipromp_ros.live import DETECTIONS
 
     say_if_compiling()
-    place, meaning = optipromp.load_scene(scene), None if role is None else _meaning(role)
+    place, meaning = (
+        optipromp.load_scene(scene),
+        None if role is None else optipromp_ros.live.meaning(role),
+    )
     if guard is not None:
         filtered = optipromp_ros.GuardFilter(place, meaning, prefix, takes_over)
         _filter(filtered, guard, execute or "~/commands", detections)
@@ -382,19 +385,6 @@ def _warner(node: Any) -> Callable[[str], None]:
             node.get_logger().warning(text)
 
     return warn
-
-
-def _meaning(given: list[str]) -> "optipromp_ros.DetectionParameters":
-    """Classes with their roles, as ``CLASS=ROLE`` or ``CLASS=ROLE:stem``."""
-    roles, stems = {}, []
-    for text in given:
-        name, equals, rest = text.rpartition("=")
-        role, colon, stem = rest.partition(":")
-        if not name or not equals or (colon and stem != "stem"):
-            raise InvalidRequestError(f"--role is {text!r}: must be CLASS=ROLE or CLASS=ROLE:stem")
-        roles[name] = role
-        stems += [name] if stem else []
-    return optipromp_ros.DetectionParameters(roles=roles, stems=tuple(stems))
 
 
 def _types(pictures: str) -> dict[str, str]:

@@ -36,7 +36,7 @@ a name that is not built in."""
 FURTHER = {
     "simulate": "sim", "generate": "sim", "render": "sim", "measure-crop": "sim",
     "see": "eyes", "calibrate": "eyes",
-    "ros-node": "ros",
+    "ros-node": "ros", "shadow": "loop",
     "view": "page",
     "scenarios": "paper",
     "study": "bench", "bench": "bench", "episodes": "bench",

@@ -284,7 +284,7 @@ def scene_from_dict(
             where = f"objects[{index}]: "
             frame = default if item.frame is None else frames[item.frame]
             up = frame.rotation.T @ frames["world"].rotation[:, 2]
-            made = _object(item, scale, base_dir, shapes, up)
+            made = object_of(item, scale, base_dir, shapes, up)
             objects.append(made if frame.is_identity else made.transformed(frame))
             if model.scale is None:
                 check_magnitude(objects[-1], told)
@@ -376,7 +376,7 @@ def _shaped(
     return values(item, scale) | {"shape": _shape(item.shape, scale, base_dir, shapes)}
 
 
-def _object(
+def object_of(
     item: Any, scale: float, base_dir: Path | None,
     shapes: dict[tuple[object, ...], Shape], up: FloatArray,
 ) -> SceneObject:  # fmt: skip

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -37,10 +37,10 @@ _DOTS = 0.015  # [m] between the dots of the chosen tool path
 WORDS = {"conditioned ProMP": "learnt motion", "followed path": "led past the fruits"}
 
 
-def reach_figure(plan: Plan) -> Figure:
+def reach_figure(plan: Plan, words: Mapping[str, str] = WORDS) -> Figure:
     """Three views of one moment of a plan: the whole arm, and the cluster along x_g and y_g. The
-    lines are the paths of the tool point, one for each trajectory. Pushed objects are at their
-    predicted places of that moment; dashed outlines are their first places."""
+    lines are the paths of the tool point, one for each trajectory, called by ``words``. Pushed
+    objects are at their predicted places of that moment; dashed outlines are their first places."""
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
@@ -72,7 +72,7 @@ def reach_figure(plan: Plan) -> Figure:
     panels["1"].plot([x, x + 0.05], [y, y], color="#222222", lw=2)
     panels["1"].text(x + 0.025, y + 0.008 * (high - low), "5 cm", ha="center", fontsize=8)
     figure.suptitle(title(plan, now), fontsize=11)
-    _legend(figure, plan, objects, now)
+    _legend(figure, plan, objects, (now, words))
     return figure
 
 
@@ -288,14 +288,18 @@ def _labels(axes: Axes, camera: Camera, objects: Sequence[Placed], inches: float
             )  # fmt: skip
 
 
-def _legend(figure: Figure, plan: Plan, objects: Sequence[Placed], now: Moment) -> None:
+def _legend(
+    figure: Figure, plan: Plan, objects: Sequence[Placed], told: tuple[Moment, Mapping[str, str]]
+) -> None:
     from matplotlib.lines import Line2D
+
+    now, lines = told
 
     def line(text: str, colour: str, **style: object) -> Line2D:
         return Line2D([], [], label=text, color=colour, **style)  # type: ignore[arg-type]
 
     paths: Sequence[Motion] = () if drawn.still(plan) else drawn.motions(plan)
-    first = [line(f"tool, {WORDS.get(m.name, m.name)}", m.colour, lw=m.width) for m in paths]
+    first = [line(f"tool, {lines.get(m.name, m.name)}", m.colour, lw=m.width) for m in paths]
     if len(drawn.tool_path(plan)):
         first.append(line("chosen tool path", "black", marker="o", ls="none", ms=3.2))
     block = {"marker": "s", "ls": "none", "ms": 9}

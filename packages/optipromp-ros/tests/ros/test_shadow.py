@@ -1,0 +1,60 @@
+"""A picker's recording in a bag says the same as the file that it was made of."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scripts.shadow_picks import Done, record
+from tests.ros.camera_messages import frames, header
+from tests.ros.looks import EPOCH, array, array_of, seen
+from typer.testing import CliRunner
+
+from optipromp import plan, save_scene
+from optipromp.cli.main import app
+from optipromp_loop.control import without_fruits
+from optipromp_loop.shadow.recording import load_recorded
+from optipromp_ros import Recorded, message, write_bag
+from optipromp_ros.shadow import load_picks
+from optipromp_ros.trajectories import NANO
+from optipromp_sim.generate import generate
+
+SCENE = generate("cluster", 110_000)
+
+
+def test_a_bag_is_read_as_the_file(tmp_path: Path) -> None:
+    file, bag = tmp_path / "shift.json", tmp_path / "shift.mcap"
+    record([Done(SCENE, plan(SCENE, planner="promp").trajectory, "harmed")], file, "perfect")
+    read = load_recorded(file, SCENE)
+    items = [Recorded("/tf_static", frames(EPOCH, ("left_link0", "eye", read.looks[0].camera)))]
+    names = [f"left_{name}" for name in (*read.arm.joints, "finger")]
+    for time, *q in np.loadtxt(file.with_suffix(".csv"), delimiter=",", skiprows=1).tolist():
+        stamp = header(EPOCH + round(time * NANO), "")
+        said = message("sensor_msgs/msg/JointState", header=stamp, name=names, position=q)
+        items.append(Recorded("/joint_states", said))
+    for look in read.looks:
+        items.append(Recorded("/seen", array_of(look, EPOCH + round(look.time * NANO), "eye")))
+    write_bag(bag, items)
+    roles = ["ripe=target:stem", "unripe=pushable:stem"]
+    found = load_picks(bag, SCENE, gripper="left_finger", marks=None, roles=roles)
+    assert [m.closed for m in found.marks] == pytest.approx([m.closed for m in read.marks])
+    assert not found.lacks
+    np.testing.assert_allclose(found.arm.at(3.0), read.arm.at(3.0), atol=1e-9)
+    for one, other in zip(found.looks, read.looks, strict=True):
+        assert one.time == pytest.approx(other.time)
+        for here, there in zip(one.in_base(), other.in_base(), strict=True):
+            assert here.role == there.role
+            np.testing.assert_allclose(here.position, there.position, atol=1e-6)
+    save_scene(without_fruits(SCENE), tmp_path / "cell.yaml")
+    asked = ["shadow", str(bag), "--known", str(tmp_path / "cell.yaml"), "--json", "--gripper"]
+    result = CliRunner().invoke(app, [*asked, "left_finger"])
+    assert result.exit_code == 0, result.output
+    (pick,) = json.loads(result.stdout)["picks"]
+    assert (pick["harmful"], pick["ours"]["status"]) == (True, "success")
+    assert "'jaw'" in CliRunner().invoke(app, [*asked, "jaw"]).output
+    told = Recorded("/seen", array(seen("ripe", (0.3, 0.6, 0.5)), frame="world"))
+    write_bag(tmp_path / "world", [item for item in items if item.topic != "/seen"] + [told])
+    blind = load_picks(tmp_path / "world", SCENE, gripper="left_finger", marks=None)
+    assert [words.partition(":")[0] for words in blind.lacks] == [
+        "stems", "where the camera was, in 1 of 1 looks"
+    ]  # fmt: skip
