@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter, uniform_filter
 from scipy.spatial import cKDTree
 
-from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.arrays import BoolArray, FloatArray, frame_along, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, PointCloudShape, Shape, Sphere
 from optipromp.core.optimization.problem import reach
@@ -29,8 +29,8 @@ from optipromp_eyes.parameters import EyeParameters, eyes_of
 from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp_eyes.solids import solids
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
-from optipromp_eyes.stems import SeenStem, stem_of
-from optipromp_eyes.unmeasured import unmeasured
+from optipromp_eyes.stems import FIRST_GAP, SeenStem, stem_of
+from optipromp_eyes.unmeasured import USUAL, unmeasured
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
@@ -48,6 +48,8 @@ CUT = 1.25  # length of a stem over what shows of it, where it is cut off: a cho
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
 BESIDE = 13  # [pixel] side of the square that tells what is beside a stem: a choice
 STANDS_OUT = 0.012  # [m] by which a stem is nearer than that: a choice
+UNSEEN = 0.10  # [m] behind what is hard, that may be of it: a board seen on its edge: a choice
+NEAR_FRUITS = 0.15  # [m] from a fruit, where this counts: a choice
 LENT = 0.05  # [m] from which a depth is lent: a choice
 RED_ERROR = 0.03  # of a redness: a choice
 UNSURE = 0.1  # [m] deviation of a lent depth, which errs with all others of its stem: a choice
@@ -92,8 +94,12 @@ def look_at(
         if stem is None and len(traces) > 1:
             stem = stem_of(fit, *traces[1], upward, p, per)
         unsure = any((region.pixels[each.box] & each.part).any() for each, _ in doubted)
-        known = stem is not None or region.kind == "ripe" or unsure
-        if not known and not is_green(picture, region, p):
+        if abs(math.log(fit.radius / p.radius)) > USUAL * p.radius_spread:
+            named = _hangs(fit, stem, traces[0][0], p)
+        else:
+            named = stem is not None or region.kind == "ripe" or unsure
+            named = named or is_green(picture, region, p)
+        if not named:
             continue  # a round front of unknown kind, among the solids
         stem = _whole(stem, fit, picture)
         counts[region.kind] += 1
@@ -109,12 +115,13 @@ def look_at(
     above = np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up)
     posed = pose_of(picture, [fit for _, fit in good], straight, traces[0], above, p)
     blind = unmeasured(picture, found, [fit for _, fit in good], p, by_colour)
-    solid = (*blind, *solids(picture, found, detections, p))
+    solid = (*blind, *solids(picture, found, detections, upward, p))
     look = Look(
         time, picture.camera.pose, items, picture.camera.view, solids=tuple(o for _, o in solid)
     )
     doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
-    return Sighting(look, tuple(detections), found, doubts, tuple(where for where, _ in solid))
+    places = tuple(where for where, _ in solid)
+    return Sighting(look, tuple(detections), found, doubts, places, picture)
 
 
 def _measured(
@@ -228,6 +235,18 @@ def _stem_points(
     return measured, lent
 
 
+def _hangs(fit: Spheroid, stem: SeenStem | None, points: FloatArray, p: EyeParameters) -> bool:
+    """Whether a long stem is seen that ends at a fruit: of ``points`` (N, 3) of stems, few are on
+    its line beyond the fruit, as where the stem of another passes behind."""
+    if stem is None or stem.support < 2.0 * p.stem_least:
+        return False
+    off = points - fit.center
+    along = -off @ stem.direction - max(fit.radius, fit.half)
+    aside = lengths(off - (off @ stem.direction)[:, None] * stem.direction)
+    beyond = (along > 0.0) & (along < FIRST_GAP) & (aside < 1.5 * fit.radius)
+    return fit.radius > p.radius or int(beyond.sum()) < 5
+
+
 def _redness(picture: DepthPicture, fit: Spheroid, p: EyeParameters) -> float:
     """The share of ripe colours among the coloured pixels of a fruit's front."""
     box, front = claimed(picture, np.ones(picture.depth.shape, dtype=bool), fit, p)
@@ -331,7 +350,11 @@ def seen_scene(
     solid = _solid(sights, known, found)
     if solid:
         told = "; ".join(f"{item.id} at {where}" for where, item in solid)
-        assumed.append(f"solid, since no fruit, stem or known thing explains it: {told}")
+        assumed.append(
+            f"solid, since no fruit, stem or known thing explains it, and up to {1e3 * UNSEEN:.0f} "
+            "mm behind, which nobody saw (another picture from aside, and --together, may show it "
+            f"free): {told}"
+        )
     objects = (*cleared(fruits, known.up), *(item for _, item in solid))
     gone = {item.id for item in known.objects if item.role != "static"}
     scene = replace(
@@ -352,11 +375,66 @@ def _solid(
     for k, each in enumerate(sights, 1):
         view = "" if len(sights) == 1 else f" of picture {k}"
         places = {o.id: p for o, p in zip(each.look.solids, each.places, strict=True)}
-        for item in unexplained(each.look, known, fruits, arm, reach(robot)):
+        shown = list(unexplained(each.look, known, fruits, arm, reach(robot)))
+        others = [one.picture for one in sights if one is not each and one.picture is not None]
+        shades = filter(None, (_shade(item, each.look, fruits, others) for item in shown))
+        look = replace(each.look, solids=tuple(shades))
+        hidden = {o.id: [o] for o in unexplained(look, known, fruits, arm, reach(robot))}
+        for item in shown:
             more = (f"{item.id}-{n}" for n in count(2))
             name = next(n for n in chain([item.id], more) if n not in taken)
             taken.add(name)
-            out.append((places[item.id] + view, replace(item, id=name)))
+            whole = _clouded(item, _points(item), *map(_points, hidden.get(item.id, ())))
+            out.append((places[item.id] + view, replace(whole, id=name)))
+    return out
+
+
+def _shade(
+    item: SceneObject, look: Look, fruits: Sequence[SceneObject], others: Sequence[DepthPicture]
+) -> SceneObject | None:
+    """What nobody saw behind a hard cloud near the fruits, in the frame of the camera of ``look``:
+    up to :data:`UNSEEN`, less what one of the ``others`` looks through; None: nothing."""
+    if item.role != "static" or not isinstance(item.shape, PointCloudShape):
+        return None
+    points = _points(item)
+    away, _ = cKDTree([fruit.position for fruit in fruits]).query(points)
+    points = points[away < NEAR_FRUITS]
+    ways = points - look.camera.position
+    ways /= lengths(ways)[:, None]
+    side = 2.0 * item.shape.radius
+    points = (points + np.arange(side, UNSEEN, side)[:, None, None] * ways).reshape(-1, 3)
+    points = side * (np.unique(np.floor(points / side), axis=0) + 0.5)
+    for other in others:
+        points = points[~_open(points, other)]
+    return _clouded(item, points).transformed(look.camera.inverse()) if len(points) else None
+
+
+def _points(item: SceneObject) -> FloatArray:
+    cloud = item.shape if isinstance(item.shape, PointCloudShape) else None
+    points = item.shape.surface().reshape(-1, 3) if cloud is None else cloud.points
+    return np.asarray(item.position + points @ item.rotation.T)
+
+
+def _clouded(item: SceneObject, *clouds: FloatArray) -> SceneObject:
+    """A cloud, with points (N, 3) of its frame in place of its own; itself if it is none."""
+    if not isinstance(item.shape, PointCloudShape):
+        return item
+    points = np.concatenate(clouds)
+    middle = points.mean(axis=0)
+    return replace(item, shape=replace(item.shape, points=points - middle), position=middle)
+
+
+def _open(points: FloatArray, picture: DepthPicture) -> BoolArray:
+    """Whether a picture measures something behind points (N, 3) in the base frame, or nothing
+    about them, as of a far background."""
+    lens, known = picture.camera, most_about(picture.depth, 15) > 0.0
+    depth = np.where(known, picture.depth, np.inf)
+    local = (points - lens.pose.position) @ lens.pose.rotation
+    column, row = np.rint(lens.pixels(local)).astype(int).T
+    inside = (row >= 0) & (row < lens.height) & (column >= 0) & (column < lens.width)
+    inside &= local[:, 2] > 0.0
+    out = np.zeros(len(points), dtype=bool)
+    out[inside] = depth[row[inside], column[inside]] > local[inside, 2] + 0.02
     return out
 
 
@@ -428,10 +506,7 @@ def overlay(picture: DepthPicture, sight: Sighting) -> Image8:
     dots where it is solid."""
     out = np.array(picture.rgb)
     for item in sight.look.solids:
-        cloud = item.shape if isinstance(item.shape, PointCloudShape) else None
-        points = item.shape.surface().reshape(-1, 3) if cloud is None else cloud.points
-        colour = SOFT if item.role == "avoid" else HARD
-        _dots(out, picture, item.position + points @ item.rotation.T, colour)
+        _dots(out, picture, _points(item), SOFT if item.role == "avoid" else HARD)
     for each in sight.detections:
         edge = binary_dilation(edge_of(each.region.pixels))
         out[edge] = RIPE if each.item.role == "target" else UNRIPE

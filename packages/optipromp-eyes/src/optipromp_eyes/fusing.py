@@ -16,6 +16,7 @@ from optipromp.core.geometry.shapes import Ellipsoid, Sphere
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import Role, SceneObject, Stem
 from optipromp_eyes.finder import Found, Region
+from optipromp_eyes.pictures import DepthPicture
 from optipromp_eyes.stems import SeenStem, Spheroid
 
 GATE = 16.0  # squared normalised distance of one fruit in two pictures; 0.1 % are farther: a choice
@@ -52,6 +53,7 @@ class Sighting:
         found: the regions, also those in which no fruit fits.
         doubts: what may be wrong with the picture, in words.
         places: column and row of each of the solids of the look, in words.
+        picture: that was looked at; None: none was.
     """
 
     look: Look
@@ -59,6 +61,7 @@ class Sighting:
     found: Found
     doubts: tuple[str, ...] = ()
     places: tuple[str, ...] = ()
+    picture: DepthPicture | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,10 @@ from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.scenes.objects import SceneObject
 from optipromp_eyes.finder import Found, Region, most_about
 from optipromp_eyes.fusing import Detection
-from optipromp_eyes.geometry import SQUARE, coloured, is_green, is_wall
+from optipromp_eyes.geometry import SQUARE, coloured
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture, Image8
-from optipromp_eyes.stems import FIRST_GAP
+from optipromp_eyes.stems import FIRST_GAP, STEEPEST
 
 EVERY = 2  # [pixel] of a row and column that is looked at: a choice that bounds time
 FARTHEST = 1.2  # [m] depth that may be within an arm's reach of a camera: a choice
@@ -28,18 +28,21 @@ DEEPEST = 0.03  # [m] behind a surface that is solid, at most: a choice
 LEAST_AREA = 5e-5  # [m²] of a thing: 12 mm of a wire of 4 mm: a choice
 ABOUT = 0.008  # [m] about a fruit or stem that its skin and calyx may be: a choice
 SAME = 2.5  # half lengths about a fruit's centre, where what a finder tells is its own: a choice
+BORDER = 13  # [pixel] side of the square about a fruit's pixels, in which a stem is beside it
+MOSTLY = 0.5  # share of a region that a fruit explains, which then is its own: a choice
 WIDE = 2.0  # half widths between stems and fruits, of what is no stem: a choice
 BOW = 0.1  # [m] by which a stem leaves its line, for each m from its fruit: a choice
 CUT = 1.25  # of what shows of a stem, as far as it may go on: a choice
 GREEN = 0.5  # share of a stem that has the colour of stems: a choice
-LEAFY = 0.8  # share of a thing that is leaf or stem, above which it yields: a choice
+LEAFY = 0.5  # share of a thing that is leaf, above which it yields: a choice
 DEVIATIONS = 2.0  # of a depth, by which a surface may be off: a choice
 MOST_THINGS = 40  # of a picture; the others together are one: a choice
 
 
 def solids(
-    picture: DepthPicture, found: Found, fruits: Sequence[Detection], p: EyeParameters
-) -> tuple[tuple[str, SceneObject], ...]:
+    picture: DepthPicture, found: Found, fruits: Sequence[Detection], up: FloatArray,
+    p: EyeParameters,
+) -> tuple[tuple[str, SceneObject], ...]:  # fmt: skip
     """What no fruit and no stem explains: column and row in words, and clouds of points in the
     frame of the camera, :data:`VOXEL` apart, the largest first.
 
@@ -52,30 +55,16 @@ def solids(
     rays, depth = picture.camera.rays[thin], np.where(there, whole[thin], 0.0)
     error = DEVIATIONS * p.depth_noise * depth**2
     side = EVERY * depth / picture.camera.focal  # of a pixel [m]
-    shown = Region.mask((each.region for each in fruits), whole.shape)
-    leaf = Region.mask(
-        (
-            r
-            for r in found.regions
-            if r.kind == "leaf"
-            or (
-                r.kind == "unripe"
-                and not (shown[r.box] & r.part).any()
-                and is_green(picture, r, p)
-                and not is_wall(picture, r, p)
-            )
-        ),
-        whole.shape,
-    )[thin]
+    leaf = Region.mask((r for r in found.regions if r.kind == "leaf"), whole.shape)[thin]
     stems = Region.mask(found.stems, whole.shape)[thin] & there
     marks, _ = _parted(stems, depth, p.step)
-    own, other = _stems(marks, picture.rgb[thin], side, rays * depth[..., None], fruits, p)
+    own = _stems(marks, picture.rgb[thin], side, rays * depth[..., None], fruits, up, p)
     there &= ~_explained(found, fruits, rays * depth[..., None], error) & ~most_about(own, 3)
-    yields = most_about(leaf | other, 3)
+    leaf = most_about(leaf, 3)
     depth = np.where(there, depth, 0.0)
     marks, counts = _parted(there, depth, p.step + error)
     areas = np.bincount(marks.ravel(), side.ravel() ** 2)
-    soft = np.bincount(marks[yields], side[yields] ** 2, len(areas)) > LEAFY * areas
+    soft = np.bincount(marks[leaf], side[leaf] ** 2, len(areas)) > LEAFY * areas
     large = (areas >= LEAST_AREA) & (EVERY**2 * counts >= p.patch)
     order = 1 + np.argsort(-areas[1:], kind="stable")
     order = order[large[order]]
@@ -116,10 +105,11 @@ def _parted(
 
 def _stems(
     marks: IntArray, rgb: Image8, side: FloatArray, points: FloatArray,
-    fruits: Sequence[Detection], p: EyeParameters,
-) -> tuple[BoolArray, BoolArray]:  # fmt: skip
-    """The pixels (h, w) of stems that begin at one of the fruits, and of other stems: what is thin
-    and has the colour of stems, of things that are numbered from 1."""
+    fruits: Sequence[Detection], up: FloatArray, p: EyeParameters,
+) -> BoolArray:  # fmt: skip
+    """The pixels (h, w) of stems on which one of the fruits hangs: what is thin and has the colour
+    of stems, of things that are numbered from 1, begins at the fruit or behind it, and leads up
+    from it."""
     here = marks > 0
     mine, points = marks[here], points[here]
     inner = ndimage.distance_transform_edt(np.pad(here, 1))[1:-1, 1:-1] * side
@@ -127,14 +117,20 @@ def _stems(
     green = coloured(rgb[here].astype(np.float32), p) >= 2
     stem = np.bincount(mine, green, len(count)) > GREEN * count
     np.logical_and.at(stem, mine, inner[here] < WIDE * p.thin)
-    begins = np.zeros(len(count), dtype=bool)
+    own = np.zeros(len(mine), dtype=bool)
     for each in fruits:
         fit = each.spheroid
-        long = (
-            max(fit.radius, fit.half) + FIRST_GAP + DEVIATIONS * p.depth_noise * fit.center[2] ** 2
-        )
-        begins[mine[lengths(points - fit.center) < long]] = True
-    return (stem & begins)[marks], (stem & ~begins)[marks]
+        error = DEVIATIONS * p.depth_noise * fit.center[2] ** 2
+        off = points - fit.center
+        near = lengths(off) < max(fit.radius, fit.half) + FIRST_GAP + error
+        behind = most_about(each.region.pixels, BORDER)[::EVERY, ::EVERY][here] & (off[:, 2] > 0.0)
+        begins = np.zeros(len(count), dtype=bool)
+        begins[mine[near | behind]] = True
+        off = points * (fit.center[2] / points[:, 2:]) - fit.center  # as the picture has it
+        own |= begins[mine] & (off @ up > STEEPEST * lengths(off))
+    out = np.zeros(marks.shape, dtype=bool)
+    out[here] = own & stem[mine]
+    return out
 
 
 def _explained(
@@ -148,7 +144,8 @@ def _explained(
     mine = np.zeros(len(flat), dtype=bool)
     for each in fruits:
         fit, shown = each.spheroid, each.region.pixels
-        own = Region.mask((r for r in found.fruits if (shown[r.box] & r.part).any()), shown.shape)
+        most = (r for r in found.fruits if (shown[r.box] & r.part).sum() > MOSTLY * r.part.sum())
+        own = Region.mask(most, shown.shape)
         out |= shown[thin]
         off = flat - fit.center
         along = off @ fit.axis

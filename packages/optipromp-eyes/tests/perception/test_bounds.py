@@ -93,7 +93,8 @@ class Counting(ByNetwork):
 def test_the_worst_mess_is_bounded_in_all_that_is_counted() -> None:
     """Of 19 messes of 1280 x 720 this one took the network longest: 1,700 fruits of 24 pixels."""
     finder = Counting()
-    sight = look_at(balls(720, 1280, 24, 0.7, RED), finder=finder)
+    small = EyeParameters(radius=0.01)  # fruits of 8 mm
+    sight = look_at(balls(720, 1280, 24, 0.7, RED), finder=finder, parameters=small)
     assert len(sight.found.fruits) == MOST_REGIONS
     assert sight.found.left_out > 1000
     assert 50 < len(sight.detections) <= MOST_FITS

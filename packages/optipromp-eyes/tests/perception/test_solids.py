@@ -1,5 +1,6 @@
 """What no fruit, stem or known thing explains is solid."""
 
+import math
 import re
 from dataclasses import replace
 from functools import cache
@@ -8,8 +9,11 @@ import numpy as np
 import pytest
 from tests.perception.shots import SEED, shot_of
 
+from optipromp.core.arrays import lengths, rotation
 from optipromp.core.geometry.shapes import Box
 from optipromp.core.scenes.objects import SceneObject
+from optipromp.core.scenes.pose import Pose
+from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes import (
     ByDetector,
@@ -75,17 +79,43 @@ def test_nothing_hard_is_seen_at_the_fruits_of_a_clean_picture(
     assert away.min() > 0.08
 
 
-def balls(*things: tuple[int, tuple[int, int, int]], blend: float = 0.0) -> DepthPicture:
-    """Balls of 13 pixels at a column, each of a colour, 0.4 m before the camera; ``blend``: pixels
-    at the edge of each whose depth lies between ball and wall."""
+def behind(scene: Scene, post: SceneObject) -> int:
+    """How many points of what is hard about a post are more than 30 mm beside its axis."""
+    points = np.concatenate([o.position + o.shape.points for o in at_post(scene, post)])
+    off = points - post.position
+    return int((lengths(off - (off @ scene.up)[:, None] * scene.up) > 0.03).sum())
+
+
+def test_what_nobody_saw_behind_a_hard_thing_is_solid_until_another_picture_shows_it() -> None:
+    known, post, shot = with_post()
+    turn, middle = rotation(known.up, math.radians(60.0)), known.target.position
+    eye = shot.picture.camera.pose
+    aside = Pose(middle + turn @ (eye.position - middle), to_quaternion(turn @ eye.rotation))
+    truth = replace(shot.scene, camera=aside)
+    one, two = (
+        look_at(picture, up=known.up, finder=ByNetwork())
+        for picture in (shot.picture, photograph(truth, seed=SEED).picture)
+    )
+    alone, words = seen_scene(one, known)
+    assert behind(alone, post) > 50
+    assert any("another picture from aside" in line for line in words)
+    both, _ = seen_scene([one, two], known)
+    assert behind(both, post) < 0.3 * behind(alone, post)
+
+
+def balls(
+    *things: tuple[int, tuple[int, int, int]], blend: float = 0.0, size: float = 13.0
+) -> DepthPicture:
+    """Balls of 13 pixels, or another ``size``, at a column, each of a colour, 0.4 m before the
+    camera; ``blend``: pixels at the edge of each whose depth lies between ball and wall."""
     depth, rgb = np.full((240, 320), 2.0), np.full((240, 320, 3), (90, 90, 160), dtype=np.uint8)
     rows, columns = np.indices(depth.shape)
     for middle, colour in things:
         away = np.hypot(rows - 120, columns - middle)
-        front = 0.4 - np.sqrt(np.maximum(13.0**2 - away**2, 0.0)) * 0.4 / 300.0
-        share = np.clip((away - 13.0) / max(blend, 1e-9), 0.0, 1.0)
+        front = 0.4 - np.sqrt(np.maximum(size**2 - away**2, 0.0)) * 0.4 / 300.0
+        share = np.clip((away - size) / max(blend, 1e-9), 0.0, 1.0)
         depth = np.minimum(depth, (1.0 - share) * front + share * 2.0)
-        rgb[away < 13.0] = colour
+        rgb[away < size] = colour
     return DepthPicture(rgb, depth, CameraModel(320, 240, 300.0, 300.0, 159.5, 119.5))
 
 
@@ -108,6 +138,30 @@ def test_a_round_front_of_unknown_kind_is_no_fruit_to_push() -> None:
     far = np.linalg.norm(thing.position + thing.shape.points - middle, axis=1)
     assert far.min() < 0.006  # its inside, too
     assert far.max() < 0.026
+
+
+@pytest.mark.parametrize(("size", "fruits"), [(13.0, 1), (7.5, 0)])
+def test_a_ball_smaller_than_any_fruit_of_the_crop_is_no_fruit_to_push(
+    size: float, fruits: int
+) -> None:
+    """17 and 10 mm of radius, where a usual fruit has 16.5."""
+    look = look_at(balls((160, GREEN), size=size), up=UP).look
+    assert len(look.detections) == fruits
+    assert [item.role for item in look.solids] == ["static"] * (1 - fruits)
+
+
+def test_a_stem_leads_up_from_its_fruit_and_what_is_thin_else_is_hard() -> None:
+    """A green line of 5 mm from a fruit upwards, and one from it downwards."""
+    picture = balls((160, GREEN))
+    for rows in (slice(20, 110), slice(130, 220)):
+        picture.rgb[rows, 158:162], picture.depth[rows, 158:162] = GREEN, 0.4
+    look = look_at(picture, up=UP).look
+    assert look.detections[0].stem is not None
+    (wire,) = look.solids
+    assert wire.role == "static"
+    rows = (wire.position + wire.shape.points)[:, 1]
+    assert rows.min() > 0.01  # below the fruit's middle, as the y axis points down
+    assert np.ptp(rows) > 0.08
 
 
 LEFT = 100 - 159.5  # columns of the white ball's middle from the optical axis

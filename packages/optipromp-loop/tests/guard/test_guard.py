@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry.shapes import Box, Sphere
+from optipromp.core.geometry.shapes import Box, PointCloudShape, Sphere
 from optipromp.core.judging import RATES, extremes, judge
 from optipromp.core.planning import plan
 from optipromp.core.planning.task import posed, tool_motion
@@ -155,6 +155,26 @@ def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
     end, _ = robot.tool_pose(motion.positions[-1])
     assert end[1] - point[1] > 0.1  # it slid
     assert any("wall" in safe.reason or "what stands" in safe.reason for safe in told)
+
+
+def test_what_a_look_shows_and_nothing_explains_stops_the_arm() -> None:
+    """A board before the arm, of which a look shows points, as it does of the arm itself."""
+    _, robot, start = before_a_wall(0.04)
+    board = np.mgrid[0:1, -60:61, 0:100].reshape(3, -1).T * 0.01
+    board += [foremost(robot, start.q) + 0.08, 0.0, 0.0]
+    points = np.concatenate([board, robot.sphere_centers(start.q)])
+    eye = shown(0.0).camera
+    thing = SceneObject(
+        "unknown1", "static", PointCloudShape(eye.inverse() @ points, 0.005), [0] * 3
+    )
+    guard = Guard(FREE)
+    guard(np.zeros(7), start, [replace(shown(0.0), solids=(thing,))])
+    into = np.array([0.2, 0.0, 0.0])
+    motion, told = driven(guard, start, lambda k, state: joints_for(robot, state.q, into), 100)
+    assert 0.0 < board[0, 0] - 0.005 - foremost(robot, motion.positions[-1]) < 0.03
+    assert any("seen1" in safe.reason or "what stands" in safe.reason for safe in told)
+    guard(np.zeros(7), motion.at(motion.times[-1]), [shown(1.0)])  # where nothing stands any more
+    assert not guard.scene.objects
 
 
 def test_an_arm_that_touches_something_at_first_may_leave_it() -> None:

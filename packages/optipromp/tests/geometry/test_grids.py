@@ -187,6 +187,7 @@ def test_grids_are_cached_on_disk_and_a_broken_cache_is_rebuilt(cache):
         file.write_bytes(broken)
         grids._grid.cache_clear()
         np.testing.assert_array_equal(distance_grid(mesh).values, first.values)
+    distance_grid(PointCloudShape(np.zeros((1, 3)), 0.01))  # of a look, and of no file
     assert len(list(cache.rglob("*"))) == 2  # the folder and the file, no leftovers
 
 

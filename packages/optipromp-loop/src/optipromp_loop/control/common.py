@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.optimization.problem import reach
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.look import Look, unexplained
+from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control import driver
 from optipromp_loop.control.camera import CameraWatch
@@ -77,7 +74,7 @@ class Common:
         first = driver.first_tracks(scene, parameters.known)
         self.tracker = Tracker(scene, first=first, tool=self._mouth)
         self.driver = Driver(scene, self.robot, state, parameters)
-        self._told, self._solids, self._appeared = scene, Solids(), False
+        self._solids, self._appeared = Solids(scene), False
         self.tries, self.over, self.picks = parameters.tries, "", list[Picked]()
 
     def _mouth(self, time: float) -> FloatArray:
@@ -85,16 +82,10 @@ class Common:
 
     def stands(self, look: Look) -> None:
         """Take what a look shows, and nothing explains, into the scene."""
-        if not (look.solids or self._solids.items):
-            return
-        q = self.camera.configuration(look.time)
-        arm = np.column_stack([self.robot.sphere_centers(q), self.robot.spheres.radius])
-        fruits = self.tracker.at(look.time).objects()
-        seen = unexplained(look, self._told, fruits, arm, reach(self.robot))
-        solids = self._solids.after(look, list(seen))
+        fruits, q = self.tracker.at(look.time).objects(), self.camera.configuration(look.time)
+        solids = self._solids.after(look, fruits, self.robot, q)
         if solids is not self._solids:
-            self._appeared, self._solids = True, solids
-            self.scene = replace(self._told, objects=(*self._told.objects, *solids.items))
+            self._appeared, self._solids, self.scene = True, solids, solids.scene
             self.driver.stands(self.scene)
 
     def blocked(self) -> bool:

@@ -32,6 +32,7 @@ from optipromp.core.trajectory import State, Trajectory
 from optipromp.core.values import array
 from optipromp_loop.control.driver import first_tracks, tracked_at_most
 from optipromp_loop.control.parameters import CONTROL
+from optipromp_loop.control.solids import Solids
 from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.control.tracks import TrackerParameters
 from optipromp_loop.guard.motion import (
@@ -177,7 +178,7 @@ class Guard:
             told = "what moves is not guarded against; leave the motion out"
             raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         self.parameters = GuardParameters() if parameters is None else parameters
-        self._base = tracked_at_most(scene, TrackerParameters.most)
+        self._base = Solids(tracked_at_most(scene, TrackerParameters.most))
         self._tracker = tracker
         self._takeover = Takeover(self.parameters.period) if takes_over else None
         self._curve: Trajectory | None = None
@@ -185,7 +186,7 @@ class Guard:
         self._stays: float | None = None  # share of harm of a stop here; None: not known
         self._pushing = 0  # rows at the end of the trail since which the tool may touch fruits
         self._last = self._trail  # (k, 6) poses since the last step of the push that is kept
-        task = resolve(self._base, robot)
+        task = resolve(self._base.scene, robot)
         spheres = task.robot.spheres
         of_tool = spheres.distal & (spheres.link >= task.robot.n_own_links)
         self._body = replace(task.robot, spheres=spheres._replace(distal=of_tool))
@@ -249,10 +250,10 @@ class Guard:
         if loop is not None and now is None:
             raise InvalidRequestError("time is None: a guard that takes over needs it")
         if loop is not None and now is not None and not loop.ended(now):
-            self._see(come, now)
+            self._see(come, now, own.q)
             return self._led(*loop.cycle(now, own, come))
         begin = self._anchored(own)
-        self._see(come, now)
+        self._see(come, now, own.q)
         safe, told = self._decided(wish, begin)
         if loop is not None and now is not None:
             stood = loop.stood(now, safe.acted and bool(np.abs(safe.velocity).max() < REST))
@@ -408,17 +409,22 @@ class Guard:
             },
         )
 
-    def _see(self, come: Sequence[Look], time: float | None) -> None:
-        """Fold looks in. While the tool pushes, the pushed fruits stay where the models lead."""
+    def _see(self, come: Sequence[Look], time: float | None, q: FloatArray) -> None:
+        """Fold looks in, made with the arm at ``q`` (n,). While the tool pushes, the pushed fruits
+        stay where the models lead."""
         p = self.parameters
         if not come:
             return
         if self._tracker is None:
-            self._tracker = Tracker(self._base, first=first_tracks(self._base, p.known))
+            told = self._base.told
+            self._tracker = Tracker(told, first=first_tracks(told, p.known))
         for look in come:
             self._tracker.add(look, self._pushed())
+            if not self._pushing:  # else what is seen of fruits that the tool moves is no thing
+                fruits = self._tracker.at(look.time).objects()
+                self._base = self._base.after(look, fruits, self.robot, q)
         seen = self._tracker.at(self.time if time is None else time)
-        scene = seen_scene(self._base, self.scene, seen, p.changed)
+        scene = seen_scene(self._base.scene, self.scene, seen, p.changed)
         during = self._plant.during_push(scene) if self._pushing else None
         scene = scene if during is None else during.task.scene
         before = {item.id: item for item in self.scene.objects}

@@ -65,16 +65,17 @@ class _Source:
 
 
 def distance_grid(shape: Shape) -> DistanceGrid:
-    """The grid of a shape: from memory, from disk, or built and then stored in both. The cache
-    folder is ``OPTIPROMP_CACHE``, else the platform's. A folder that cannot be written is no
-    error."""
+    """The grid of a shape: from memory, from disk, or built and then stored in both; that of a
+    cloud of no file, as a look has, in memory alone. The cache folder is ``OPTIPROMP_CACHE``, else
+    the platform's. A folder that cannot be written is no error."""
     shape = shape if isinstance(shape, PointCloudShape) else shape.mesh(FINE)
     return _grid(_Source(_key(shape), shape))
 
 
 @lru_cache(maxsize=_KEPT)
 def _grid(source: _Source) -> DistanceGrid:
-    folder = cache_folder()
+    lasts = isinstance(source.shape, MeshShape) or source.shape.path is not None
+    folder = cache_folder() if lasts else None
     file = None if folder is None else folder / "grids" / f"{source.key}.npz"
     grid = None if file is None else _load(file)
     if grid is None:
