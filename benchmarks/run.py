@@ -34,9 +34,7 @@ def load_suite() -> None:
 
 
 def run(
-    selected: Sequence[tuple[Benchmark, list[str]]],
-    context: Context,
-    isolated: bool = True,
+    selected: Sequence[tuple[Benchmark, list[str]]], context: Context, isolated: bool = True
 ) -> dict[str, Any]:
     """Run benchmarks and return what JSON holds: where, with what, and a row for every metric."""
     results: list[Row] = []

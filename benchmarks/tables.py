@@ -118,7 +118,7 @@ def markdown(results: dict[str, Any]) -> str:
     lines = [
         f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}; "
         f"{results['date'][:10]}, commit {results['commit']}. {packages}. {results['compiler']}."
-        + (f" Not installed: {', '.join(missing)}." if missing else ""),
+        + (f" Not installed: {', '.join(missing)}." if missing else "")
     ]
     for family, subjects in families(Row.from_dict(r) for r in results["rows"]).items():
         header, body = grid(subjects)

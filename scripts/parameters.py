@@ -61,8 +61,7 @@ def numbers() -> Iterator[Number]:
             above = [*above, comment] if comment and not code else []
         for item, value in branch._asdict().items():
             text = re.fullmatch(
-                r"(?:\[(.+?)\] )?(?:(guess|reported|measured|published): )?(.+)",
-                comments[item],
+                r"(?:\[(.+?)\] )?(?:(guess|reported|measured|published): )?(.+)", comments[item]
             )
             unit, kind, source = text.groups() if text else ("", "", "")
             yield Number(f"{group}.{item}", value, unit or "1", kind or "choice", source)

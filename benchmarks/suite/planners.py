@@ -12,16 +12,7 @@ import numpy as np
 
 from benchmarks.peers import drake, mplib, ompl, tesseract
 from benchmarks.peers.common import Answer, Planner
-from benchmarks.registry import (
-    RATIO,
-    SUITE,
-    Absent,
-    Context,
-    Measured,
-    Metric,
-    Value,
-    Values,
-)
+from benchmarks.registry import RATIO, SUITE, Absent, Context, Measured, Metric, Value, Values
 from benchmarks.scenes import groups
 from benchmarks.timing import median, paired_ratio
 from optipromp.core.errors import Code, OptiPrompError

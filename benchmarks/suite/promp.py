@@ -160,10 +160,7 @@ def _beside(
         f"{family}/optipromp/{job}": Measured(1e3 * median(times["ours"]), detail)
     }
     if isinstance(other, Absent):
-        return out | {
-            f"{family}/{peer}/{job}": other,
-            f"{family}/ours by {peer}/{job}": other,
-        }
+        return out | {f"{family}/{peer}/{job}": other, f"{family}/ours by {peer}/{job}": other}
     out[f"{family}/{peer}/{job}"] = 1e3 * median(times["peer"])
     out[f"{family}/ours by {peer}/{job}"] = paired_ratio(times["ours"], times["peer"])
     return out

@@ -141,10 +141,7 @@ def engines_of(condition: str, variation: str) -> tuple[Engine, ...]:
 
 @contextmanager
 def staffed(
-    entry: str,
-    run: BenchRun,
-    workers: int | None,
-    patience: tracks.Patience = tracks.PATIENCE,
+    entry: str, run: BenchRun, workers: int | None, patience: tracks.Patience = tracks.PATIENCE
 ) -> Iterator[None]:
     """Entries in processes that end with the context. Raises InvalidRequestError where the entry
     cannot be made, or lacks the track's methods."""

@@ -74,11 +74,7 @@ class LoopOptions:
     def check(self, further: dict[str, object]) -> None:
         """Refuse options that are of a loop where there is none, or of a plan in a loop.
         ``further``: options that are of a plan, by name; None where they are not given."""
-        ours = {
-            "--noise": self.noise,
-            "--latency": self.latency,
-            "--camera": self.camera,
-        }
+        ours = {"--noise": self.noise, "--latency": self.latency, "--camera": self.camera}
         asked = further if self.closed_loop else ours
         wrong = [name for name, given in asked.items() if given is not None]
         if wrong and self.closed_loop:

@@ -132,10 +132,7 @@ def _towards(start: FloatArray, goal: FloatArray, most: float) -> FloatArray:
 
 
 def passing_windows(
-    scene: Scene,
-    objects: Sequence[SceneObject],
-    directions: FloatArray,
-    depth: float,
+    scene: Scene, objects: Sequence[SceneObject], directions: FloatArray, depth: float
 ) -> FloatArray:
     """The windows (N, 2) of :class:`Drift` for pushables passed in ``directions`` (N, 3) [m].
 
