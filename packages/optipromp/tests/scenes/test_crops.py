@@ -7,7 +7,14 @@ import pytest
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.scenes import load_crop, load_scene, save_scene
-from optipromp.core.scenes.crops import ROWS, crop_from_dict, crop_names, crop_to_dict, save_crop
+from optipromp.core.scenes.crops import (
+    ROWS,
+    crop_from_dict,
+    crop_names,
+    crop_to_dict,
+    detaching,
+    save_crop,
+)
 
 
 @pytest.mark.parametrize("name", ["strawberry", "tomato", "apple"])
@@ -81,7 +88,7 @@ def test_rows_that_are_missing_are_of_the_crop_that_it_is_like():
 
 def test_a_pull_detaches_by_its_angle():
     """Beyond 90 degrees by what is across the stem: F(90) / sin."""
-    forces = load_crop("strawberry").detaching(np.array([0.0, 15.0, 90.0, 150.0]))
+    forces = detaching(load_crop("strawberry"), np.array([0.0, 15.0, 90.0, 150.0]))
     np.testing.assert_allclose(forces, [5.0, 4.5, 3.0, 6.0])
 
 

@@ -11,6 +11,7 @@ from scipy.linalg import eigh
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
 from optipromp.core.parameters import GRAVITY
+from optipromp.core.planning.task import posed
 from optipromp.core.pushing.stems.bending import stems
 from optipromp.core.scenes import Scene, SceneObject, Stem
 from optipromp.core.scenes.objects import STANDS, least_stiffness
@@ -54,14 +55,15 @@ def mushroom(stiffness: float | None = None, length: float = 0.06) -> SceneObjec
 def test_a_stem_that_is_stated_too_soft_is_refused() -> None:
     mass = 950.0 * 4.0 / 3.0 * np.pi * 0.02**3
     least = float(least_stiffness(mass, 0.06, 0.04, 0.02))
-    Scene("bed", "panda", (mushroom(least),))
+    posed(Scene("bed", "panda", (mushroom(least),)))
     with pytest.raises(InvalidSceneError, match=r"'cap'.*stem_stiffness is .*must be at least"):
-        Scene("bed", "panda", (mushroom(0.99 * least),))
-    Scene("bed", "panda", (replace(mushroom(0.5 * least), sigma=0.003),))  # its length has an error
+        posed(Scene("bed", "panda", (mushroom(0.99 * least),)))
+    unsure = replace(mushroom(0.5 * least), sigma=0.003)  # its length has an error
+    posed(Scene("bed", "panda", (unsure,)))
     stem = Stem(np.array([[0.4, 0.02, 0.2], [0.4, 0.0, 0.18]]), parent="cap")
     grown = SceneObject("n1", "pushable", Sphere(0.02), stem.points[0], stem=stem)
     with pytest.raises(InvalidSceneError, match="carries 63"):  # g, of two fruits
-        Scene("bed", "panda", (mushroom(1.1 * least), grown))
+        posed(Scene("bed", "panda", (mushroom(1.1 * least), grown)))
 
 
 @given(st.floats(0.03, 0.3), st.sampled_from([0.1, 0.5, 1.0, 2.0]))

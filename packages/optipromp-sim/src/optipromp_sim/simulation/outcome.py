@@ -21,7 +21,7 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.robots.tools import WALL
-from optipromp.core.scenes.crops import Crop
+from optipromp.core.scenes.crops import Crop, detaching
 from optipromp_sim.simulation.contacts import ContactLog, in_tool, pressing
 from optipromp_sim.simulation.grasps import on_lip, scissor_of, suction_of, wanted
 from optipromp_sim.simulation.records import Rollout, StemCut
@@ -98,7 +98,7 @@ class HarmLog(ContactLog):
         size, most = lengths(forces), [self.crop[name] for name in DETACHING]
         along = np.einsum("wi,wi->w", forces, up)
         angles = np.rad2deg(np.arccos(np.clip(along / np.maximum(size, 1e-12), -1.0, 1.0)))
-        pulls = size / self.crop.detaching(angles) * most[0] ** 2 / own
+        pulls = size / detaching(self.crop, angles) * most[0] ** 2 / own
         bends = lengths(np.cross(up, moments))
         loads, entities = np.column_stack([pulls, bends]), [fruit.entity for fruit in fruits]
         np.maximum.at(self._worst[:, len(BEARABLE) :], entities, loads)

@@ -14,6 +14,7 @@ from optipromp.core.errors import InvalidRequestError, StartInvalidError
 from optipromp.core.geometry import distances, pack
 from optipromp.core.optimization.evaluation import BodyPoints, body_points
 from optipromp.core.optimization.problem import Surroundings, surroundings_of
+from optipromp.core.parameters import FRUIT_DENSITY
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Combined, Continued, PushModel
 from optipromp.core.pushing.packs import standing
@@ -31,7 +32,7 @@ from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, at_goal
 from optipromp.core.scenes.held import Pair, check_names
-from optipromp.core.scenes.objects import ObjectMotion
+from optipromp.core.scenes.objects import ObjectMotion, check_upright
 from optipromp.core.scenes.scene import Attached, Scene, SceneObject, bare_robot
 from optipromp.core.trajectory import State, Trajectory
 
@@ -217,9 +218,12 @@ def posed(
 ) -> tuple[Robot, State]:
     """The robot of :func:`robot_of`, and the state of the arm at the start.
 
-    ``state`` is of the arm, in place of the scene's start.
+    ``state`` is of the arm, in place of the scene's start. InvalidSceneError: also of a stem that
+    is stated to be softer than it must be to stand.
     """
     robot = robot_of(scene, robot)
+    dense = FRUIT_DENSITY if scene.crop is None else scene.crop["density"]
+    check_upright(scene.objects, scene.up, dense)
     if state is None:
         links = robot.link_names
         if scene.place is not None and scene.target is not None:

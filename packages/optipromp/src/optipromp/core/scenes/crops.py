@@ -116,15 +116,16 @@ class Crop:
         """The crop with another value in a row."""
         return replace(self, rows={**self.rows, name: self.rows[name].at(value)})
 
-    def detaching(self, angles: FloatArray) -> FloatArray:
-        """Forces (K,) [N] that detach a fruit, pulled at ``angles`` (K,) [degrees] to the stem.
 
-        Between the row's angles it is interpolated. Beyond 90 degrees the fruit is pushed towards
-        its stem, and only the part of the force across the stem detaches it.
-        """
-        row = self.rows["abscission"]
-        across = np.sin(np.deg2rad(np.maximum(angles, 90.0)))
-        return np.asarray(np.interp(angles, row.angles, row.values) / np.maximum(across, 1e-9))
+def detaching(crop: Crop, angles: FloatArray) -> FloatArray:
+    """Forces (K,) [N] that detach a fruit, pulled at ``angles`` (K,) [degrees] to the stem.
+
+    Between the row's angles it is interpolated. Beyond 90 degrees the fruit is pushed towards its
+    stem, and only the part of the force across the stem detaches it.
+    """
+    row = crop.rows["abscission"]
+    across = np.sin(np.deg2rad(np.maximum(angles, 90.0)))
+    return np.asarray(np.interp(angles, row.angles, row.values) / np.maximum(across, 1e-9))
 
 
 def _row(name: str) -> Any:

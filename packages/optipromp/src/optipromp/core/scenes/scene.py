@@ -16,7 +16,6 @@ from pydantic import BeforeValidator
 from optipromp.core.arrays import FloatArray, IntArray, cross, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
-from optipromp.core.parameters import FRUIT_DENSITY
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import Crop
@@ -38,7 +37,6 @@ from optipromp.core.scenes.objects import (
     SceneObject,
     Stem,
     check_trusses,
-    check_upright,
 )
 from optipromp.core.scenes.pose import Array, Direction, Framed, Padding, Pose, Span
 from optipromp.core.shown import Shown
@@ -159,8 +157,7 @@ class Scene(Shown, Framed):
 
     Raises:
         InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; a
-            padding is negative; the root of a stem is not on its parent's stem; or a stem that
-            stands is stated to be softer than its load asks for.
+            padding is negative; or the root of a stem is not on its parent's stem.
     """
 
     name: Name
@@ -200,8 +197,6 @@ class Scene(Shown, Framed):
                 )
             seen[item.id] = index
         check_trusses(self.objects)
-        dense = FRUIT_DENSITY if self.crop is None else self.crop["density"]
-        check_upright(self.objects, self.up, dense)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
             raise InvalidSceneError(f"two targets, {targets[0]!r} and {targets[1]!r}: must be one")
