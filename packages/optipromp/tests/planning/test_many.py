@@ -80,7 +80,7 @@ def test_helpers_see_the_callers_environment_of_now(tmp_path, monkeypatch):
     plan_many(["scenario-3"] * 2, planner="promp", workers=2)
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path))
     scene = load_scene("scenario-3")
-    cloud = PointCloudShape(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), 0.01)
+    cloud = PointCloudShape(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), 0.01, Path("c.npy"))
     seen = replace(
         scene, objects=(*scene.objects, SceneObject("c", "static", cloud, [0.0, 0.6, 0]))
     )

@@ -4,7 +4,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -202,7 +202,8 @@ def test_to_dict_is_a_json_document(planned: Callable[..., Plan]) -> None:
     assert document["scene"] == "scenario-3"
     assert document["planner"] == "opti-promp"
     assert document["terms"] == {}
-    assert document["predicted_harm"] == asdict(result.prediction)  # type: ignore[arg-type]
+    assert result.prediction is not None
+    assert document["predicted_harm"] == result.prediction.to_dict()
     assert document["stages"][0]["name"] == "joint"
     assert document["status"] == "success"
     assert document["time"]["total"] > 0.0

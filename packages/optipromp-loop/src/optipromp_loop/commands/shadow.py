@@ -8,7 +8,6 @@ import optipromp
 from optipromp.cli.command import FAILED, OK, Report, command
 from optipromp.cli.console import progress_bar, say_if_compiling
 from optipromp.core.files import check_folder, write_atomically
-from optipromp.core.planning import PlanOptions
 
 
 @command()
@@ -22,7 +21,7 @@ def shadow(
     marks: Path | None = None,
     role: list[str] | None = None,
     prefix: str = "",
-    risk: float = PlanOptions.risk,
+    risk: float = 0.03,
 ) -> Report:
     """Read a recording of another picker, and say what our planner would have done, pick by pick.
 

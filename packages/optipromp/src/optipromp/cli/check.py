@@ -3,7 +3,7 @@
 import warnings
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import is_dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -145,7 +145,7 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
             with waiting("drawing"):
                 files.write_together(out, scene_pictures(optipromp.load_scene(item)))
     status, wrong = Code(summary.pop("status", Code.SUCCESS)), summary.pop("message", "")
-    told = {key: vars(value) if is_dataclass(value) else value for key, value in summary.items()}
+    told = {key: getattr(value, "to_dict", lambda v=value: v)() for key, value in summary.items()}
     document = {"status": status, "message": wrong, "kind": kind, "item": item, **told}
     lines = [f"  {key.replace('_', ' '):<15} {_words(value)}" for key, value in summary.items()]
     verdict = f" {item}: {f'{status}, {wrong}' if wrong else 'right'}"
@@ -408,7 +408,7 @@ def describe(found: "Verdict", curve: "Trajectory", scene: "Scene", risk: float)
         "message": found.message,
         "violations": [vars(violation) for violation in found.judgement.violations],
         "notes": found.judgement.notes,
-        "predicted_harm": None if found.prediction is None else vars(found.prediction),
+        "predicted_harm": found.prediction and found.prediction.to_dict(),
         "risk": risk,
         "rows": curve.n_waypoints,
         "metrics": found.judgement.metrics.to_dict(),
