@@ -1,6 +1,6 @@
-"""The licences of all packages that OptI-ProMP's extras bring, written into docs/licences.md.
+"""The licences of what our packages and their extras bring, written into docs/licences.md.
 
-``licences.py [PAGE]``: pip (25 or newer, of the Python that runs this) resolves each extra with the
+``licences.py [PAGE]``: pip (25 or newer, of the Python that runs this) resolves each with the
 versions of constraints.txt and installs nothing. A licence that is neither free nor explained in
 ``EXPLAINED`` is an error, as tests/test_packaging.py says of the packages that are installed.
 """
@@ -10,7 +10,7 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,8 @@ FREE = re.compile(
     re.IGNORECASE,
 )
 BOUND = re.compile(r"(?<!L)GPL|(?<!Lesser )General Public|Proprietary", re.IGNORECASE)
+CORE = "optipromp"
+NAME = re.compile(r"[\w-]+")
 EXPLAINED = {  # packages whose metadata do not tell a free licence or not all, and what holds
     "av": "(the wheel holds FFmpeg, LGPL, and libx264 and libx265, GPL: the encoders of films)",
     "apsw": "(any licence that the OSI approves)",
@@ -49,37 +51,62 @@ def in_doubt(name: str, said: str) -> bool:
     return not free and name.lower() not in EXPLAINED
 
 
-def resolved(extra: str) -> dict[str, Mapping[str, Any]]:
-    """The metadata of what an extra brings, by name; those of the package alone for ``""``."""
-    wanted = f"{ROOT}[{extra}]" if extra else str(ROOT)
+def projects() -> dict[str, dict[str, Any]]:
+    """What the packages say of themselves, by name; the core first."""
+    files = sorted(ROOT.glob("packages/*/pyproject.toml"))
+    return {file.parent.name: tomllib.loads(file.read_text("utf-8"))["project"] for file in files}
+
+
+def folders(name: str, extra: str = "") -> list[str]:
+    """A package with an extra and those of ours that it needs, as pip takes them."""
+    found, left = dict[str, None](), [name]
+    while left:
+        found[each := left.pop()] = None
+        needs = (NAME.match(one) for one in projects()[each]["dependencies"])
+        left += [one[0] for one in needs if one and one[0] in projects() and one[0] not in found]
+    asked = {name: f"[{extra}]" if extra else ""}
+    return [f"{ROOT / 'packages' / each}{asked.get(each, '')}" for each in found]
+
+
+def resolved(label: str, wanted: Sequence[str]) -> dict[str, Mapping[str, Any]]:
+    """The metadata of what is ``wanted`` brings, by name, less what is ours."""
     command = ["install", "-qq", "--dry-run", "--ignore-installed", "--report", "-"]
-    pip = [sys.executable, "-m", "pip", *command, "-c", str(ROOT / "constraints.txt"), wanted]
+    pip = [sys.executable, "-m", "pip", *command, "-c", str(ROOT / "constraints.txt"), *wanted]
     said = subprocess.run(pip, capture_output=True, text=True)
     if said.returncode:
-        print(f"extra {extra}: {said.stderr.strip().splitlines()[-1]}", file=sys.stderr)
+        print(f"{label}: {said.stderr.strip().splitlines()[-1]}", file=sys.stderr)
     found = [each["metadata"] for each in json.loads(said.stdout or '{"install": []}')["install"]]
-    return {each["name"]: each for each in found if each["name"] != "optipromp"}
+    return {each["name"]: each for each in found if each["name"] not in projects()}
 
 
 def main(page: str = str(ROOT / "docs/licences.md")) -> int:
     """Write the table; 1 where a licence is in doubt."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    extras = sorted({*project["optional-dependencies"]} - {"all", "dev", "test"})
+    extras = [
+        (name, extra)
+        for name, project in projects().items()
+        for extra in sorted({*project["optional-dependencies"]} - {"all"})
+    ]
+    asked = {name: folders(name) for name in projects()}
+    asked |= {f"{name}[{extra}]": folders(name, extra) for name, extra in extras}
+    tests = {f"{name}[test]": asked.pop(f"{name}[test]") for name in projects()}
+    groups = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["dependency-groups"]
     brings: dict[str, list[str]] = {}
     metadata: dict[str, Mapping[str, Any]] = {}
-    for extra in ["", *extras, "test", "dev"]:
-        for name, each in resolved(extra).items():
+    for label, wanted in {**asked, **tests, **groups}.items():
+        print(label, flush=True)
+        for name, each in resolved(label, wanted).items():
             metadata.setdefault(name, each)
             by = brings.setdefault(name, [])
-            if not extra or ("" not in by and (extra not in ("test", "dev") or not by)):
-                by.append(extra)
+            told = {CORE, label.partition("[")[0]} & {*by}
+            if not told and (label in asked or not by):
+                by.append(label)
     rows = ["| package | version | licence | comes with |", "|---|---|---|---|"]
     doubts = []
     for name in sorted(metadata, key=str.lower):
         said = licence(metadata[name])
         doubts += [f"{name}: {said or 'unknown'}"] if in_doubt(name, said) else []
         said += f" {EXPLAINED[name.lower()]}" if name.lower() in EXPLAINED else ""
-        comes = ", ".join(f"`{each}`" if each else "always" for each in brings[name])
+        comes = ", ".join("always" if each == CORE else f"`{each}`" for each in brings[name])
         rows.append(f"| {name} | {metadata[name]['version']} | {said.strip()} | {comes} |")
     target = Path(page)
     head = target.read_text("utf-8").partition(MARK)[0]

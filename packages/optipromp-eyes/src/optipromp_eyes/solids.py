@@ -28,7 +28,6 @@ DEEPEST = 0.03  # [m] behind a surface that is solid, at most: a choice
 LEAST_AREA = 5e-5  # [m²] of a thing: 12 mm of a wire of 4 mm: a choice
 ABOUT = 0.008  # [m] about a fruit or stem that its skin and calyx may be: a choice
 SAME = 2.5  # half lengths about a fruit's centre, where what a finder tells is its own: a choice
-BORDER = 13  # [pixel] side of the square about a fruit's pixels, in which a stem is beside it
 MOSTLY = 0.5  # share of a region that a fruit explains, which then is its own: a choice
 WIDE = 2.0  # half widths between stems and fruits, of what is no stem: a choice
 BOW = 0.1  # [m] by which a stem leaves its line, for each m from its fruit: a choice
@@ -58,8 +57,9 @@ def solids(
     leaf = Region.mask((r for r in found.regions if r.kind == "leaf"), whole.shape)[thin]
     stems = Region.mask(found.stems, whole.shape)[thin] & there
     marks, _ = _parted(stems, depth, p.step)
-    own = _stems(marks, picture.rgb[thin], side, rays * depth[..., None], fruits, up, p)
-    there &= ~_explained(found, fruits, rays * depth[..., None], error) & ~most_about(own, 3)
+    seen = rays * depth[..., None]
+    own = _stems(marks, picture.rgb[thin], side, seen, picture.camera.focal, fruits, up, p)
+    there &= ~_explained(found, fruits, seen, error) & ~most_about(own, 3)
     leaf = most_about(leaf, 3)
     depth = np.where(there, depth, 0.0)
     marks, counts = _parted(there, depth, p.step + error)
@@ -104,7 +104,7 @@ def _parted(
 
 
 def _stems(
-    marks: IntArray, rgb: Image8, side: FloatArray, points: FloatArray,
+    marks: IntArray, rgb: Image8, side: FloatArray, points: FloatArray, focal: float,
     fruits: Sequence[Detection], up: FloatArray, p: EyeParameters,
 ) -> BoolArray:  # fmt: skip
     """The pixels (h, w) of stems on which one of the fruits hangs: what is thin and has the colour
@@ -123,7 +123,8 @@ def _stems(
         error = DEVIATIONS * p.depth_noise * fit.center[2] ** 2
         off = points - fit.center
         near = lengths(off) < max(fit.radius, fit.half) + FIRST_GAP + error
-        behind = most_about(each.region.pixels, BORDER)[::EVERY, ::EVERY][here] & (off[:, 2] > 0.0)
+        border = 1 + 2 * round(FIRST_GAP * focal / fit.center[2])  # [pixel] as near in the picture
+        behind = most_about(each.region.pixels, border)[::EVERY, ::EVERY][here] & (off[:, 2] > 0.0)
         begins = np.zeros(len(count), dtype=bool)
         begins[mine[near | behind]] = True
         off = points * (fit.center[2] / points[:, 2:]) - fit.center  # as the picture has it
