@@ -22,7 +22,7 @@ from optipromp.core.scenes.goals import JointGoal
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import Role, Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.guard import Guard, GuardParameters, Safe, joints_for
 from optipromp_loop.guard.motion import Change, fastest, later, nearest, stopping
@@ -130,11 +130,11 @@ def test_a_wish_that_harms_nothing_is_executed_to_the_bit() -> None:
     assert (told[-1].velocity == wish).all()
 
 
-def before_a_wall(room: float) -> tuple[Scene, Robot, State]:
+def before_a_wall(room: float, role: Role = "static") -> tuple[Scene, Robot, State]:
     """A wall before the arm, so far from its foremost sphere [m]."""
     robot, start = posed(FREE)
     wall = SceneObject(
-        "wall", "static", Box((0.02, 4.0, 4.0)), [foremost(robot, start.q) + room + 0.01, 0, 0]
+        "wall", role, Box((0.02, 4.0, 4.0)), [foremost(robot, start.q) + room + 0.01, 0, 0]
     )
     return replace(FREE, objects=(wall,)), robot, start
 
@@ -143,8 +143,10 @@ def foremost(robot: Robot, q: FloatArray) -> float:
     return float((robot.sphere_centers(q)[:, 0] + robot.spheres.radius).max())
 
 
-def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
-    scene, robot, start = before_a_wall(0.04)
+@pytest.mark.parametrize("role", ["static", "avoid"])
+def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into(role: Role) -> None:
+    scene, robot, start = before_a_wall(0.04, role)
+    face = foremost(robot, start.q) + 0.04
     point, _ = robot.tool_pose(start.q)
 
     def into(k: int, state: State) -> FloatArray:
@@ -154,7 +156,9 @@ def test_the_arm_slides_along_a_wall_that_a_policy_pushes_it_into() -> None:
     assert_within(scene, robot, motion, start)
     end, _ = robot.tool_pose(motion.positions[-1])
     assert end[1] - point[1] > 0.1  # it slid
-    assert any("wall" in safe.reason or "what stands" in safe.reason for safe in told)
+    assert foremost(robot, motion.positions[-1]) < face
+    words = "what stands" if role == "static" else "what is to be avoided"
+    assert any("wall" in safe.reason or words in safe.reason for safe in told)
 
 
 def test_what_a_look_shows_and_nothing_explains_stops_the_arm() -> None:
