@@ -86,8 +86,11 @@ class _Franka(Follower):
         return State(np.array(found.q), np.array(found.dq), np.array(found.ddq_d))
 
     def force(self) -> FloatArray:
-        """libfranka's estimate of the force (3,) of the world on the tool, in the base [N]."""
-        return np.array(self._read().O_F_ext_hat_K, dtype=np.float64)[:3]
+        """libfranka's estimate of the force (3,) of the world on the tool, in the base [N].
+
+        libfranka states what the arm does to the world, the opposite.
+        """
+        return -np.array(self._read().O_F_ext_hat_K, dtype=np.float64)[:3]
 
 
 def _since(
