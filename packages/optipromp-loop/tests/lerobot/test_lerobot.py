@@ -26,7 +26,6 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.core.scenes.goals import JointGoal
 from optipromp.core.scenes.look import Look
-from optipromp_bench.env import SPEED, PickEnv
 from optipromp_bench.episode import Episode
 from optipromp_loop.guard import Guard
 from optipromp_loop.lerobot import (
@@ -122,28 +121,6 @@ def test_a_look_passes_through_numbers() -> None:
         known = next(o for o in scene.objects if o.role == one.role
                      and np.linalg.norm(o.position - one.position) < 0.05)  # fmt: skip
         assert other.radius == pytest.approx(known.radius)
-
-
-@pytest.mark.parametrize("commands", ["velocities", "tool"])
-def test_the_policy_picks_in_the_benchmark(commands: str) -> None:
-    env = PickEnv("limp", action="joints" if commands == "velocities" else "tool")
-    env.reset(seed=1, options={"preset": "limp", "scene": 940_001})
-    episode = env.episode
-    policy = OptiPrompPolicy(OptiPrompConfig(n_action_steps=2, commands=commands),
-                             scene=episode.scene)  # fmt: skip
-    info: dict[str, Any] = {}
-    for _ in range(1000):
-        seen = batch_of(episode.state.q, episode.observe().look, episode.time)
-        action = policy.select_action(seen).numpy()[0].astype(np.float64)
-        if commands == "velocities":
-            asked = action / (0.5 * episode.robot.velocity)
-        else:
-            asked = episode.scene.frame @ action / SPEED
-        *_, terminated, truncated, info = env.step(asked)
-        if terminated or truncated:
-            break
-    assert info["is_success"], (info["cause"], policy.controller.history)
-    env.close()
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
