@@ -1,6 +1,6 @@
 """Gymnasium environments of the simulation: ``optipromp/Pick-v0`` and ``optipromp/PickProMP-v0``.
 
-``import optipromp`` registers both.
+``gymnasium.make("optipromp_bench:optipromp/Pick-v0")`` imports and registers them.
 
 Rewards are the benchmark's score: at the end 1 for a clean pick, -1 for harm, 0 for neither. On the
 way ``Pick-v0`` pays the change of a potential (nearness to the target less harm), which is 0 at the
@@ -24,6 +24,7 @@ from optipromp.core.scenes.scene import Scene, SceneObject, bare_robot
 from optipromp_bench.episode import LONGEST, RATE, Episode, Observation, guarded, joints_for, score
 from optipromp_bench.primitive import COUNT, OfWeights
 from optipromp_loop.guard import Guard, Safe
+from optipromp_loop.pilot import FRUITS, numbers_of
 from optipromp_sim.generate import PRESETS, Preset, generate
 from optipromp_sim.simulation import Outcome, Run, Simulation, simulate
 from optipromp_sim.situations import CONDITIONS, Situation
@@ -104,6 +105,10 @@ def arm_ends(robot: Robot) -> tuple[Sequence[float], Sequence[float]]:
 _TOP = np.tile([*3 * [FAR], *3 * [1.0], *3 * [FAR], *3 * [1.0], FAR, *3 * [1.0]], (MOST, 1))
 OBJECTS_ENDS = _TOP * [*6 * [-1], *3 * [0], *3 * [-1], *4 * [0]], _TOP
 """Lowest and highest ``objects``."""
+_CAMERA = np.array([*3 * [FAR], *9 * [1.0], 2.0 * np.pi, LONGEST, 10.0, 10.0])
+_ROWS = np.tile([*5 * [FAR], 3.0], (FRUITS, 1))
+LOOK_ENDS = {"camera": (-_CAMERA, _CAMERA), "environment_state": (-_ROWS, _ROWS)}
+"""Lowest and highest numbers of a look."""
 
 
 SPEED = 0.15  # [m/s] of the tool at an action of 1: a choice; plans push at 0.1 m/s
@@ -200,7 +205,8 @@ class _Scenes(gymnasium.Env[Any, Any]):
         if not np.isfinite(asked).all():
             k = int(np.argmin(np.isfinite(asked)))
             raise InvalidRequestError(f"action[{k}] is {asked[k]}; must be finite")
-        return np.asarray(np.clip(asked, -1.0, 1.0))
+        assert isinstance(self.action_space, spaces.Box)
+        return np.asarray(np.clip(asked, self.action_space.low, self.action_space.high))
 
     def _within(self, seen: Mapping[str, Any]) -> dict[str, Any]:
         """An observation within the bounds of its space."""
@@ -240,38 +246,46 @@ class PickEnv(_Scenes):
 
     Observations: ``arm`` and ``objects`` of :func:`optipromp_bench.env.state_of`; with
     ``observation="picture"`` also ``rgb`` (height, width, 3) and ``depth`` (height, width) [m] of
-    the camera in the tool's mouth. Actions, each between -1 and 1: ``tool``: velocity of the tool
-    point along x_g, y_g, z_g of the approach, whose axis the tool keeps; ``joints``: velocities.
-    An episode ends when the tool has held a fruit for 0.3 s, when something is harmed, or after
+    the camera in the tool's mouth. With ``observation="look"``: joints as ``agent_pos`` (n,), and
+    ``camera`` and ``environment_state`` of :mod:`optipromp_loop.pilot` (there ``fruits``). Actions,
+    each between -1 and 1: ``tool``: velocity of the tool point along x_g, y_g, z_g of the approach,
+    whose axis the tool keeps; ``joints``: velocities; or ``positions`` (n,) of the joints [rad]
+    that are wanted a period later. ``act`` takes velocities [rad/s] in place of an action. An
+    episode ends when the tool has held a fruit for 0.3 s, when something is harmed, or after
     20 s; unlike one of the board it has no way out. Its last ``info`` has ``is_success``, ``cause``
     and ``outcome``, as the simulation judges. The rewards of an episode add up to its score
     (1 clean, -1 harmed, 0 missed) less 0.01 a second.
 
     Args:
         presets, condition, seeds, render_mode: see :class:`_Scenes`.
-        action: ``tool`` or ``joints``.
-        observation: ``state`` or ``picture``.
+        action: ``tool``, ``joints`` or ``positions``.
+        observation: ``state``, ``picture`` or ``look``.
         size: width and height of pictures [pixel].
     """
 
     def __init__(
         self, presets: str | Sequence[str] = "cluster", condition: str = "none",
-        seeds: tuple[int, int] = TRAINING, action: Literal["tool", "joints"] = "tool",
-        observation: Literal["state", "picture"] = "state", size: tuple[int, int] = (96, 72),
-        render_mode: str | None = None,
+        seeds: tuple[int, int] = TRAINING, action: Literal["tool", "joints", "positions"] = "tool",
+        observation: Literal["state", "picture", "look"] = "state",
+        size: tuple[int, int] = (96, 72), render_mode: str | None = None,
     ) -> None:  # fmt: skip
         super().__init__(presets, condition, seeds, render_mode)
-        check_one_of("action", action, ("tool", "joints"))
-        check_one_of("observation", observation, ("state", "picture"))
+        check_one_of("action", action, ("tool", "joints", "positions"))
+        check_one_of("observation", observation, ("state", "picture", "look"))
         self.action, self.observation, self.size = action, observation, _pair("size", size, 1)
-        robot = bare_robot(generate(self.presets[0], seeds[0]))
-        seen = dict(space_of({"arm": arm_ends(robot), "objects": OBJECTS_ENDS}))
+        self.robot = robot = bare_robot(generate(self.presets[0], seeds[0]))
+        ends = {"arm": arm_ends(robot), "objects": OBJECTS_ENDS}
+        if observation == "look":
+            ends = {"agent_pos": (robot.lower, robot.upper), **LOOK_ENDS}
+        seen = dict(space_of(ends))
         if observation == "picture":
             width, height = size
             seen["rgb"] = spaces.Box(0, 255, (height, width, 3), np.uint8)
             seen["depth"] = spaces.Box(0.0, FAR, (height, width))
         self.observation_space = spaces.Dict(seen)
         self.action_space = spaces.Box(-1.0, 1.0, (3 if action == "tool" else robot.n_joints,))
+        if action == "positions":
+            self.action_space = spaces.Box(*(e.astype(np.float32) for e in ends["agent_pos"]))
         self.episode: Episode | None = None
         self.guard: Guard | None = None
         """Through which actions pass, see :class:`Guarded`."""
@@ -299,6 +313,8 @@ class PickEnv(_Scenes):
             frame = episode.scene.frame
             q = episode.state.q
             return self.act(joints_for(episode.robot, q, SPEED * asked @ frame, frame[2]))
+        if self.action == "positions":
+            return self.act((asked - episode.reference.q) / episode.period)
         return self.act(JOINTS * episode.robot.velocity * asked)
 
     def act(self, velocity: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
@@ -349,7 +365,12 @@ class PickEnv(_Scenes):
 
     def _seen(self) -> dict[str, Any]:
         assert self.episode is not None
-        state = state_of(self.episode.observe(), self.episode.scene)
+        told = self.episode.observe()
+        if self.observation == "look":
+            camera, fruits = numbers_of(told.look, told.time)
+            told_by = {"agent_pos": told.q, "environment_state": fruits, "camera": camera}
+            return self._within(told_by)
+        state = state_of(told, self.episode.scene)
         if self._camera is not None:
             picture = self._camera.take()
             state |= {"rgb": picture.rgb, "depth": picture.depth}

@@ -4,10 +4,9 @@ Its entry points are in this package's ``pyproject.toml``, so that after an inst
 ``inspect-robots run --task optipromp-pick --policy optipromp --embodiment optipromp`` picks. The
 guard is one of the embodiment's guardrails. Tested with inspect-robots 0.60.
 
-A state has ``joint_pos`` (n,) [rad] and ``joint_vel`` (n,) [rad/s], and the newest look as
-``camera`` (16,) and ``fruits`` (FRUITS, 6), see :mod:`optipromp_loop.pilot`. ``extra["scene"]`` is
-the scene as first seen. Times are since the begin of a pick [s]. Actions are velocities (n,) of the
-joints [rad/s].
+A state has ``joint_pos`` (n,) [rad], and ``camera`` and ``fruits`` of the newest look, see
+:mod:`optipromp_loop.pilot`. ``extra["scene"]`` is the scene as first seen. Times are since the
+begin of a pick [s]. Actions are velocities (n,) of the joints [rad/s].
 """
 
 from dataclasses import dataclass, replace
@@ -35,23 +34,21 @@ from inspect_robots.types import Observation as Told
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import bare_robot
-from optipromp_bench.env import TRAINING
+from optipromp_bench.env import TRAINING, PickEnv
 from optipromp_bench.episode import LONGEST, RATE, Episode, guarded, score
 from optipromp_loop.guard import Guard
-from optipromp_loop.pilot import FRUITS, Commands, Pilot, look_in, numbers_of
+from optipromp_loop.pilot import FRUITS, Commands, Pilot, look_in
 from optipromp_sim.generate import generate
-from optipromp_sim.situations import CONDITIONS
 
 STEPS = 2  # actions of a chunk: a choice; a look counts from the next chunk on
+STATE = "joint_pos", "camera", "fruits"
 GUARD = "optipromp_guard"  # of a trial's store: the guard of its episode
 
 
 def state_spec(robot: Robot) -> ObservationSpace:
     """What a state has."""
-    n = robot.n_joints
-    fields = ("joint_pos", (n,), "rad"), ("joint_vel", (n,), "rad/s")
-    looks = ("camera", (16,), ""), ("fruits", (FRUITS, 6), "")
-    return ObservationSpace(state=StateSpec(tuple(StateField(*each) for each in fields + looks)))
+    fields = zip(STATE, ((robot.n_joints,), (16,), (FRUITS, 6)), ("rad", "", ""), strict=True)
+    return ObservationSpace(state=StateSpec(tuple(StateField(*each) for each in fields)))
 
 
 def velocities(robot: Robot) -> Box:
@@ -62,56 +59,54 @@ def velocities(robot: Robot) -> Box:
 
 
 class Plant(EmbodimentBase):
-    """The simulated arm before a plant; an episode of the benchmark's.
+    """The simulated arm before a plant: :class:`optipromp_bench.env.PickEnv` of a preset.
 
-    Args:
-        preset: of scenes, where a trial names none.
-        condition: under which they are seen, see :data:`optipromp_sim.situations.CONDITIONS`.
+    ``metadata`` of a trial may name another ``preset``, and ``scene``, a seed. The guard is one of
+    the guardrails.
     """
 
-    def __init__(self, *, preset: Any = "cluster", condition: str = "none") -> None:
-        self.preset, self.condition = preset, condition
-        robot = bare_robot(generate(preset, TRAINING[0]))
+    def __init__(self, *, preset: str = "cluster", condition: str = "none") -> None:
+        self.env = PickEnv(preset, condition, action="joints", observation="look")
+        robot = self.env.robot
         self.info = EmbodimentInfo(
             "optipromp", velocities(robot), state_spec(robot), RATE, True,
             frozenset({SEEDABLE, RESETTABLE, PRIVILEGED_SUCCESS}),
-            supported_target_kinds=frozenset({"ripe"}),
             docs="An arm reaches for the ripe fruit of a plant and may harm nothing. fruits has a "
             "row a fruit: place [m], deviation, radius, role (1 ripe, 2 unripe).",
         )  # fmt: skip
-        self.episode: Episode | None = None
+
+    @property
+    def episode(self) -> Episode:
+        """The pick that is under way."""
+        assert self.env.episode is not None
+        return self.env.episode
 
     def reset(self, scene: Trial, *, seed: int | None = None) -> Told:
-        """Begin a pick; ``metadata`` of a trial may name ``preset`` and ``scene``, a seed."""
-        number = int(scene.metadata.get("scene", TRAINING[0] + (seed or 0) % 1000))
-        true = generate(scene.metadata.get("preset", self.preset), number)
-        self.episode = Episode(CONDITIONS[self.condition](true, number), number)
-        return replace(self._told(self.episode), instruction=scene.instruction)
+        """Begin a pick."""
+        asked = {k: v for k, v in scene.metadata.items() if k in ("preset", "scene")}
+        seen, _ = self.env.reset(seed=seed, options=asked)
+        return self._told(seen, scene.instruction)
 
     def step(self, action: Action) -> StepResult:
         """One period of 20 ms."""
-        episode = self.episode
-        assert episode is not None
-        episode.act(np.asarray(action.data, dtype=np.float64))
-        if not (episode.done or episode.ended):
-            return StepResult(self._told(episode))
-        outcome = episode.judged()
-        why = "success" if outcome.success else str(getattr(outcome, "cause", outcome.result))
-        info = {"success": outcome.success, "result": outcome.result, "score": score(outcome)}
-        told = self._told(episode)
-        return StepResult(told, None, episode.done, why, not episode.done, info)
+        seen, reward, terminated, truncated, info = self.env.act(np.asarray(action.data))
+        outcome = info.pop("outcome", None)
+        why = None
+        if outcome is not None:
+            info |= {"result": outcome.result, "score": score(outcome)}
+            why = "success" if outcome.success else info["cause"]
+        return StepResult(self._told(seen), reward, terminated, why, truncated, info)
 
     def contribute_guardrails(self, action_space: Box) -> GuardrailContribution:
         """The guard: the action nearest to the wished one that harms nothing."""
         return GuardrailContribution((("optipromp guard", Guarding(self)),))
 
-    @staticmethod
-    def _told(episode: Episode) -> Told:
-        seen = episode.observe()
-        camera, fruits = numbers_of(seen.look, seen.time)
-        state = {"joint_pos": seen.q, "joint_vel": seen.velocity, "camera": camera}
-        extra = {"scene": scene_to_dict(episode.scene)}
-        return Told(state={**state, "fruits": fruits}, state_time=seen.time, extra=extra)
+    def _told(self, seen: dict[str, Any], instruction: str | None = None) -> Told:
+        state = {**seen, "joint_pos": seen["agent_pos"], "fruits": seen["environment_state"]}
+        state = {name: np.asarray(state[name], dtype=np.float64) for name in STATE}
+        extra = {"scene": scene_to_dict(self.episode.scene)}
+        now = self.episode.time
+        return Told(state=state, instruction=instruction, state_time=now, extra=extra)
 
 
 @dataclass(frozen=True)
@@ -123,14 +118,11 @@ class Guarding:
     def review(self, action: Action, store: dict[str, Any]) -> Action:
         """The action itself where it harms nothing, else the nearest one that does not."""
         episode = self.plant.episode
-        assert episode is not None
         if GUARD not in store:
             store[GUARD] = Guard(episode.scene, episode.robot)
         safe = guarded(store[GUARD], np.asarray(action.data, dtype=np.float64), episode)
-        if not safe.acted:
-            return action
         meta = {**action.meta, "clamped": True, "guard": safe.reason}
-        return replace(action, data=safe.velocity, meta=meta)
+        return replace(action, data=safe.velocity, meta=meta) if safe.acted else action
 
 
 class Loop(PolicyBase):
@@ -166,12 +158,12 @@ class Loop(PolicyBase):
 
 @dataclass(frozen=True)
 class Outcome:
-    """The benchmark's score: 1 clean, -1 harmed, 0 missed."""
+    """The benchmark's score: 1 clean, -1 harmed, 0 missed or broken off."""
 
     name: str = "optipromp"
 
     def __call__(self, record: TrialRecord, target: Target | None) -> Score:
-        """Of a recorded pick; one that was broken off is missed."""
+        """Of a recorded pick."""
         info = record.steps[-1].result.info if record.steps else {}
         return Score(int(info.get("score", 0)), str(info.get("result", "missed")))
 
@@ -179,7 +171,7 @@ class Outcome:
 def picks(*, preset: str = "cluster", count: int = 4, first: int = TRAINING[0]) -> Task:
     """Picks of one preset, in ``count`` scenes from the seed ``first`` on."""
     trials = [
-        Trial(f"{preset}-{k}", "pick the ripe fruit, harm nothing", Target("ripe"), k,
+        Trial(f"{preset}-{k}", "pick the ripe fruit, harm nothing",
               metadata={"preset": preset, "scene": k})
         for k in range(first, first + count)
     ]  # fmt: skip

@@ -19,14 +19,11 @@ from optipromp_bench.lerobot import OptiPrompEnv
 from optipromp_loop.lerobot import OptiPrompConfig
 
 
-@pytest.mark.parametrize("commands", ["positions", "velocities", "tool"])
-def test_lerobots_rollout_picks_in_each_row(commands: str) -> None:
+def test_lerobots_rollout_picks_in_each_row() -> None:
     """Two environments at once, of which one waits for the other."""
-    config = OptiPrompEnv(presets="limp", commands=commands)
+    config = OptiPrompEnv(presets="limp")
     assert EnvConfig.get_choice_class("optipromp") is OptiPrompEnv
-    policy: Any = make_policy(
-        OptiPrompConfig(commands=commands, n_action_steps=2, push_to_hub=False), env_cfg=config
-    )
+    policy: Any = make_policy(OptiPrompConfig(push_to_hub=False), env_cfg=config)
     assert policy.config.action_feature == config.features["action"]
     before, after = make_pre_post_processors(policy.config)
     envs = make_env(config, n_envs=2)
