@@ -21,7 +21,7 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.trajectory import State, Trajectory
-from optipromp_loop.control.driver import path_back
+from optipromp_loop.control.courses import path_back
 from optipromp_loop.guard import Guard, Safe
 from optipromp_loop.guard.motion import joints_for as joints_for
 from optipromp_sim.detection import turned

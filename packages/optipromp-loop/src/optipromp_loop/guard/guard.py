@@ -30,8 +30,8 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.core.values import array
-from optipromp_loop.control.driver import first_tracks, tracked_at_most
 from optipromp_loop.control.parameters import CONTROL
+from optipromp_loop.control.plant import first_tracks, tracked_at_most
 from optipromp_loop.control.solids import Solids
 from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.control.tracks import TrackerParameters
@@ -46,7 +46,7 @@ from optipromp_loop.guard.motion import (
     sampled,
     stopping,
 )
-from optipromp_loop.guard.plant import Course, Plant, Room, least, seen_scene, stays
+from optipromp_loop.guard.plant import Course, Plant, Room, least, seen_scene, stays, unchanged
 from optipromp_loop.guard.takeover import Takeover
 
 T = TypeVar("T")
@@ -421,9 +421,13 @@ class Guard:
         for look in come:
             self._tracker.add(look, self._pushed())
             if not self._pushing:  # else what is seen of fruits that the tool moves is no thing
-                fruits = self._tracker.at(look.time).objects()
-                self._base = self._base.after(look, fruits, self.robot, q)
+                self._base = self._base.after(look, self._tracker, self.robot, q)
         seen = self._tracker.at(self.time if time is None else time)
+        own, added = self._plant.pushed if self._pushing else frozenset[str](), self._plant.added
+        if (self._pushing or not added) and unchanged(
+            self._base.scene, self.scene, seen, p.changed, own
+        ):
+            return
         scene = seen_scene(self._base.scene, self.scene, seen, p.changed)
         during = self._plant.during_push(scene) if self._pushing else None
         scene = scene if during is None else during.task.scene
