@@ -350,8 +350,10 @@ class Driven:
 
 def guarded(guard: Guard, velocity: FloatArray, episode: Episode) -> Safe:
     """What a guard makes of a policy's velocities (n,) in an episode."""
-    look = episode.observe().look
+    seen = episode.observe()
+    look = seen.look
     looks = () if look is None or look.time <= guard.time else (look,)
+    guard.feel(episode.time, seen.force)
     return guard(velocity, episode.reference, looks, episode.time)
 
 

@@ -262,6 +262,12 @@ class Guard:
                 self._hand_over(loop, now, safe.reason)
         return safe
 
+    def feel(self, time: float, force: FloatArray) -> None:
+        """Take a measured force in, for a loop that has the arm; see :meth:`.Controller.feel`."""
+        loop = None if self._takeover is None else self._takeover.controller
+        if loop is not None:
+            loop.feel(time, force)
+
     def _decided(self, wish: FloatArray, begin: State) -> tuple[Safe, Refusal | None]:
         """The action nearest to a wish, and why the last that was tried does not pass."""
         whole = bool(np.isfinite(wish).all())
