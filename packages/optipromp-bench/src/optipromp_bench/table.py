@@ -16,7 +16,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder, file_name, is_there, json_text, write_atomically
 from optipromp_bench.experiments.forest import Share, Shares, forest
 from optipromp_bench.experiments.rows import Row, source_version
-from optipromp_bench.experiments.statistics import Cell, seconds_a_clean, tabled, wilson
+from optipromp_bench.experiments.statistics import Cell, Table, seconds_a_clean, wilson
 from optipromp_bench.results import RECORD, BenchRun, Means, recorded, submission, zip_of
 
 DIGESTS = "results.json"
@@ -168,12 +168,13 @@ def markdown(board: Leaderboard) -> str:
         torn.append([f"`{entry}`", *(s.torn for s in all_)])
     by = [f"{preset}: {engine}" for preset in run.scenes.presets for engine in engines]
     title = f"Torn or pulled too hard: `{board.order[0]}` and those beside it"
-    return "\n".join([
-        f"Set `{run.scenes.word}`, version `{run.version}`{drawn}\n",
-        tabled(f"{where}: {run.scenes.count} scenes of each preset", heads, rows),
-        tabled(f"{where}: clean, harmed by preset, %", ["entry", *by], presets),
-        tabled(title, ["entry", *(f"{engine}: torn" for engine in engines)], torn),
-    ])  # fmt: skip
+    tables = (
+        Table(f"{where}: {run.scenes.count} scenes of each preset", heads, rows),
+        Table(f"{where}: clean, harmed by preset, %", ["entry", *by], presets),
+        Table(title, ["entry", *(f"{engine}: torn" for engine in engines)], torn),
+    )
+    head = f"Set `{run.scenes.word}`, version `{run.version}`{drawn}\n"
+    return "\n".join([head, *map(str, tables)])
 
 
 def picture(board: Leaderboard) -> str:

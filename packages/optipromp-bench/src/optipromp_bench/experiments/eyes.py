@@ -1,4 +1,4 @@
-"""The circle from picture to pick (``optipromp study --eyes``): see, plan, execute in the truth.
+"""The circle from picture to pick (``eyes`` of a study): see, plan, execute in the truth.
 
 ``rendered``: the scene is photographed from beside and seen by the eyes; in the closed loop every
 look is such a picture, from the palm. ``fitted``: looks are of the camera model with the numbers of
