@@ -102,7 +102,7 @@ def verify(
     and errors must come again. Without it, the motions in the file are executed:
     they do what the rows say, but whether the entry made them is not known, and
     a refusal has no motion. A success leaves a record beside the zip, which
-    'bench table' and 'bench publish' read. The exit code is 1 where a row
+    'bench table' reads. The exit code is 1 where a row
     differs or is not confirmed.
 
     Examples:
@@ -190,29 +190,6 @@ def table(results: list[Path], /, out: Path | None = None, plot: Path | None = N
     for file in files:
         write_atomically(file, (markdown if file is out else picture)(board).encode())
     return Report(board.to_dict(), _shown(board, " ".join(f"wrote {file}" for file in files)))
-
-
-@bench.command("publish")
-@command()
-def publish(results: list[Path], /, out: Path, unverified: bool = False) -> Report:
-    """Gather submissions, what verified them, the table and the digests of all.
-
-    DIR/results.json is small and names version, commit, set and the SHA-256 of
-    every file: it can stand in a repository while the rest is a release's.
-
-    Example:
-        optipromp bench publish ours theirs.zip --out release
-
-    Args:
-        results (RESULTS...): Folders or submissions.
-        out (DIR): New; of the files of a release.
-        unverified: Take what 'bench verify' did not confirm, too.
-    """
-    from optipromp_bench.table import DIGESTS, published
-
-    made = published(results, out, unverified)
-    lines = [f"{digest}  {name}" for name, digest in made["sha256"].items()]
-    return Report(made, [*lines, f"wrote {out / DIGESTS}, of commit {made['commit'] or 'none'}"])
 
 
 @bench.command("study")
