@@ -33,7 +33,7 @@ SLACK = 1e-9  # [s] rounding of sums of times
 
 
 class Truth(NamedTuple):
-    """Where fruits are at one moment, in the base frame; a simulation's own word will do as well."""
+    """Where fruits are at one moment, in the base frame; a simulation may tell it."""
 
     ids: tuple[str, ...]
     """F names of objects of the scene; those left out are where the scene has them."""
