@@ -13,10 +13,9 @@ from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.files import is_there, json_text, write_atomically
 
 if TYPE_CHECKING:
-    from rich.table import Table as RichTable
+    from rich.table import Table as Rich
 
     from optipromp_bench.experiments.rows import Row
-    from optipromp_bench.experiments.statistics import Table
     from optipromp_bench.table import Leaderboard
 
 bench = typer.Typer(
@@ -271,7 +270,8 @@ def study(
         "tables": [t._asdict() for t in tables],
     }
     last = f"wrote rows, tables.md and, of each study, summary.json and study.svg to {out}"
-    return Report(document, [*map(_table, tables), last])
+    shown = (_table(each.heads, each.lines, each.title) for each in tables)
+    return Report(document, [*shown, last])
 
 
 @bench.command("list")
@@ -291,10 +291,8 @@ def entries() -> Report:
         "tracks": dict(CONDITION),
         "entries": {name: {**e._asdict(), "runs": runs[name]} for name, e in ENTRIES.items()},
     }
-    shown = grid(("entry", "track", "runs", "what it does"))
-    shown.columns[3].no_wrap = False  # so that the others stay whole
-    for name, each in ENTRIES.items():
-        shown.add_row(name, each.track, runs[name], each.text)
+    lines = [[name, e.track, runs[name], e.text] for name, e in ENTRIES.items()]
+    shown = _table(("entry", "track", "runs", "what it does"), lines, left=4)
     words = ", ".join(f"{name} (condition {value})" for name, value in CONDITION.items())
     return Report(document, [f"tracks: {words}", shown])
 
@@ -308,29 +306,28 @@ def _told(say: Callable[[int, int, str], None]) -> Callable[[int, int, "Row | No
 
 
 def _shown(board: "Leaderboard", words: str) -> Shown:
-    left = "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"
-    shown = grid((*left, "verified"), padding=(0, 0))
-    for column in shown.columns[1:]:
-        column.no_wrap = False  # so that names stay whole
+    heads = "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"
+    lines = list[list[Any]]()
     for entry in board.order:
         for k, engine in enumerate(board.run.engines):
             s = board.of(entry, engine)
-            clean = f"{s.clean}/{s.runs} ({s.interval})"
-            shown.add_row(
-                "" if k else entry, engine, clean, str(s.harmed), str(s.missed),
-                str(s.refused + s.errors), f"{100 * s.score:.0f}",
+            lines.append([
+                "" if k else entry, engine, f"{s.clean}/{s.runs} ({s.interval})", s.harmed,
+                s.missed, s.refused + s.errors, f"{100 * s.score:.0f}",
                 "–" if s.p is None else f"{s.p:.3f}", "" if k else board.verified[entry],
-            )  # fmt: skip
-    yield shown
+            ])  # fmt: skip
+    yield _table((*heads, "verified"), lines, left=9)
     if words:
         yield words
 
 
-def _table(table: "Table") -> "RichTable":
-    """A table for a terminal, whose cells may take several lines."""
-    out = grid((), table.heads, title=table.title, padding=(0, 0))
-    for column in out.columns:
+def _table(
+    heads: Sequence[str], lines: Sequence[Sequence[Any]], title: str = "", left: int = 1
+) -> "Rich":
+    """A table for a terminal; a cell but the first of a line may take several lines."""
+    out = grid(heads[:left], heads[left:], title=title or None, padding=(0, 0))
+    for column in out.columns[1:]:
         column.no_wrap, column.overflow = False, "fold"
-    for line in table.lines:
+    for line in lines:
         out.add_row(*(str(cell).replace("`", "") for cell in line))
     return out
