@@ -140,7 +140,7 @@ def plans(parts: Mapping[str, Sequence[Row]]) -> list[Table]:
         errs = any(row.noise or row.noise_position or row.noise_angle for row in rows)
         overview.append([
             part, whole.runs, share(whole.kept, whole.runs, 1), share(whole.broken, whole.plans, 1),
-            f"{tilted} of {whole.runs}", _number(known and known.auc, 2),
+            f"{tilted} of {whole.runs}", _number(None if known is None else known.auc, 2),
             " / ".join(f"{1e3 * t:.0f} ms" if t < 1 else f"{t:.1f} s" for t in times),
         ])  # fmt: skip
         for c in summary(rows):

@@ -323,7 +323,9 @@ class Eye:
         self._waiting.append(self._frozen(look, time, q, fruits) if p.frozen > 0.0 else look)
         return True
 
-    def _frozen(self, look: Look, time: float, q: FloatArray, fruits: Truth) -> Look:
+    def _frozen(
+        self, look: Look, time: float, q: FloatArray, fruits: "Truth | FruitStates"
+    ) -> Look:
         """The look with the picture that stands still, while one does."""
         p, target = self.detector.parameters, self.detector.scene.target
         if self._held is None and target is not None:
