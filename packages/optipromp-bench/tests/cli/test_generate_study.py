@@ -87,7 +87,7 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     assert "study.0.seeds" in RUN.invoke(app, [*arguments, "seeds=5"]).stderr
     old = RUN.invoke(app, ["study", "--preset", "cluster"])
     assert old.exit_code == 2
-    assert "study is now bench study presets=NAMES" in old.stderr
+    assert "study is now: optipromp bench study presets=NAMES" in old.stderr
 
 
 def test_scenes_of_another_robot_and_a_plan_with_it(

@@ -124,7 +124,7 @@ def test_a_kind_of_its_own_goes_on_after_a_line_that_was_cut_short(tmp_path, mon
     ("old", "new", "words"),
     [
         ("[[", 'table = "both"\n[[', "table is 'both'"),
-        ("noise =", "nose =", "study.1.nose: Extra inputs are not permitted"),
+        ("noise =", "nose =", "study.1.nose: no such field: valid are presets"),
         ("[0, 1]", "[0]", "study.0.seeds.1: Field required"),
         ('"near"', '"../x"', "study.0.name: String should match pattern"),
         ('"near"', '"noisy"', "two studies are noisy"),

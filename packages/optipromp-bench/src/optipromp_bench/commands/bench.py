@@ -207,14 +207,15 @@ def study(
 ) -> Report:
     """Run studies in the simulation, and print their tables: shares with 95 % intervals.
 
-    A study runs planners on random scenes, or on yours, and executes their plans. It is said in
-    words FIELD=VALUE, or several are in a file. Its fields are presets, planners, seeds (A:B, to
-    before B), noise, noise_position [m], noise_angle [degrees], only_valid, vary (true, or crop),
-    risk; of loops, in place of planners: loops (open, closed), conditions, eyes (rendered, fitted),
+    A study runs planners on random scenes, or on yours, and executes their
+    plans. It is said in words FIELD=VALUE, or several are in a file. Fields are
+    presets, planners, seeds (A:B, to before B), noise, noise_position in m,
+    noise_angle in degrees, only_valid, vary (true or crop), risk; of loops, in
+    place of planners: loops (open, closed), conditions, eyes (rendered, fitted),
     finder, views. docs/studies.md tells of each.
 
-    Every run is a row of rows.csv in DIR, of a file in DIR/NAME. Ctrl-C keeps what is done; the
-    same command goes on from there.
+    Every run is a row of rows.csv in DIR, of a file in DIR/NAME. Ctrl-C keeps
+    what is done; the same command goes on from there.
 
     Examples:
         optipromp bench study presets=cluster,shelf seeds=1000:1200 --out fresh

@@ -16,7 +16,7 @@ from typing import Annotated, Any, get_origin, get_type_hints
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, create_model
 
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.files import read_bytes
 from optipromp_bench.experiments.eyes import WAYS
 from optipromp_bench.experiments.kinds import Kind, kind_of
@@ -89,8 +89,10 @@ def studies_of(
         rows = _model(kind).model_validate(told).model_dump(exclude_unset=True)["study"]
     except ValidationError as error:
         wrong = error.errors()[0]
-        place = ".".join(map(str, wrong["loc"]))
-        raise InvalidRequestError(f"{where}: {place}: {wrong['msg']}") from None
+        place, why = ".".join(map(str, wrong["loc"])), wrong["msg"]
+        if wrong["type"] == "extra_forbidden":
+            why = f"no such field: {suggest(str(wrong['loc'][-1]), [f.name for f in fields(kind) if f.name not in OPTIONS])}"
+        raise InvalidRequestError(f"{where}: {place}: {why}") from None
     except ValueError as error:
         raise InvalidRequestError(f"{where} is no TOML: {error}") from None
     if kind is not Study and (scenes or given):

@@ -82,7 +82,9 @@ class Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         """The command that is named; of one that has moved, the error says what is written now."""
         if args[0] in MOVED:
-            sys.stderr.write(f"error INVALID_REQUEST: {args[0]} is now {MOVED[args[0]]}\n")
+            sys.stderr.write(
+                f"error INVALID_REQUEST: {args[0]} is now: optipromp {MOVED[args[0]]}\n"
+            )
             raise typer.Exit(2)
         return super().resolve_command(ctx, args)
 
