@@ -33,16 +33,7 @@ from optipromp.core.planning.leg_tasks import (
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.plan import Request, plan
-from optipromp.core.planning.result import (
-    CARRY,
-    LIFT,
-    REACH,
-    RETREAT,
-    Plan,
-    Proposal,
-    Said,
-    cheapest,
-)
+from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Proposal, cheapest
 from optipromp.core.planning.task import robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
@@ -155,7 +146,8 @@ def plan_pick(
 
 def timed_out(leg: Plan, what: str) -> Plan:
     """A leg of a pick for whose rest, ``what``, there was no time."""
-    return replace(leg, status=Code.TIMEOUT, said=Said(f"time ran out before {what}: ", leg.said))
+    said = leg.said._replace(before=f"time ran out before {what}: {leg.said.before}")
+    return replace(leg, status=Code.TIMEOUT, said=said)
 
 
 def picks(reaches: Iterable[Proposal[Plan]], settings: Timed) -> Iterator[Proposal[Legs]]:
