@@ -91,7 +91,8 @@ def studies_of(
         wrong = error.errors()[0]
         place, why = ".".join(map(str, wrong["loc"])), wrong["msg"]
         if wrong["type"] == "extra_forbidden":
-            why = f"no such field: {suggest(str(wrong['loc'][-1]), [f.name for f in fields(kind) if f.name not in OPTIONS])}"
+            known = [each.name for each in fields(kind) if each.name not in OPTIONS]
+            why = f"no such field: {suggest(wrong['loc'][-1], known)}"
         raise InvalidRequestError(f"{where}: {place}: {why}") from None
     except ValueError as error:
         raise InvalidRequestError(f"{where} is no TOML: {error}") from None
