@@ -42,8 +42,8 @@ class Mine:
 """
 
 
-def bench(*arguments: str) -> tuple[int, str]:
-    told = CliRunner().invoke(app, ["bench", *arguments])
+def bench(*arguments: str, given: str = "") -> tuple[int, str]:
+    told = CliRunner().invoke(app, ["bench", *arguments], input=given)
     return told.exit_code, " ".join(told.output.split())
 
 
@@ -69,8 +69,9 @@ def done(place: Path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         assert bench("draw", "--entry", "mine:Mine", "--out", "round.json")[0] == 0
-        options = "run --entry mine:Mine --round round.json --preset limp --count 2 --workers 1"
-        code, told = bench(*options.split(), "--out", "results")
+        options = "run --entry mine:Mine --round - --preset limp --count 2 --workers 1"
+        given = Path("round.json").read_text()
+        code, told = bench(*options.split(), "--out", "results", given=given)
         assert code == 0, told
     return place / "results"
 
@@ -347,13 +348,17 @@ def test_no_file_of_a_run_tells_the_word_before_the_end_or_takes_another_row(
     with pytest.raises(KeyboardInterrupt):
         run_bench(run, tmp_path, workers=1, progress=say)
     assert told == [False] * 3
+    assert read_round(tmp_path / "round.json") == made
     rows = (tmp_path / "rows.csv").read_text()
     (tmp_path / "rows.csv").write_text(rows.replace("missed", "clean"))
     with pytest.raises(InvalidRequestError, match="this run did not write"):
         run_bench(run, tmp_path, workers=1)
     (tmp_path / "rows.csv").write_text(rows)
-    assert [row.result for row in run_bench(run, tmp_path, workers=1)] == ["missed"] * 4
+    options = f"run --draw --entry {run.entry} --preset limp --count 2 --workers 1 --out {tmp_path}"
+    assert bench(*options.split())[0] == 0  # it goes on
+    assert [row.result for row in submission(tmp_path / "submission.zip").rows] == ["missed"] * 4
     assert made.word in (tmp_path / "run.json").read_text()
+    assert not (tmp_path / "round.json").exists()
 
 
 def test_a_submission_is_not_unpacked_to_be_read(

@@ -59,15 +59,16 @@ def run(
         out (DIR): Of the results; goes on where it was.
         track (NAME): plan, policy or picture; see 'bench list'.
         scenes (--set WORD): development, or a word that draws a test set.
-        draw: A round of this entry alone: its digest, then a word.
-        round_ (--round FILE): Of 'bench draw': its word, its entries.
+        draw: A round of this entry alone: its digest, then a word. One that was cut short goes on.
+        round_ (--round FILE): Of 'bench draw': its word, its entries. -: of standard input, so that
+            the file may lie where the entry cannot read it.
         preset (NAMES): Presets, separated by commas.
         count: Scenes of each preset.
         condition (NAME): What moves and is seen wrongly.
         variation (NAME): Of the physics; see 'bench study'.
     """
     from optipromp_bench.entries import ENTRIES
-    from optipromp_bench.results import BenchRun, run_bench
+    from optipromp_bench.results import LEFT, BenchRun, run_bench
     from optipromp_bench.sets import SceneSet, draw_round, read_round
     from optipromp_bench.tracks import TRACKS
 
@@ -76,7 +77,9 @@ def run(
         raise InvalidRequestError(f"track is {asked!r}: {suggest(asked, TRACKS)}")
     if draw + (round_ is not None) + (scenes != "development") > 1:
         raise InvalidRequestError("--set, --draw and --round name three sets: give one of them")
-    drawn = draw_round([entry]) if draw else None if round_ is None else read_round(round_)
+    if draw and is_there(out / LEFT):  # it was cut short
+        round_ = out / LEFT
+    drawn = read_round(round_) if round_ is not None else draw_round([entry]) if draw else None
     word = scenes if drawn is None else drawn.word
     chosen = SceneSet(word, tuple(filter(None, preset.split(","))), count)
     made = BenchRun.of(entry, asked, chosen, condition, variation, drawn)

@@ -10,6 +10,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import rooted
 from optipromp.core.scenes.scene import JointGoal, Scene, SceneObject
@@ -99,24 +100,36 @@ def target_row(tracked: Tracked) -> int | None:
     return None
 
 
-def outside(robot: Robot, q: FloatArray, tracked: Tracked) -> bool:
-    """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell."""
+def outside(robot: Robot, q: FloatArray, tracked: Tracked, planned: FloatArray) -> bool:
+    """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell.
+
+    What a tool without a mouth takes is at ``planned`` (3,), from the tool point [m].
+    """
     row = target_row(tracked)
     if robot.tool is None or row is None:
         return robot.tool is not None
-    spread = float(np.sqrt(np.linalg.eigvalsh(tracked.covariance[row])[-1]))  # along any direction
-    return not inside(robot, q, tracked.positions[row], spread)
+    place, spread = tracked.positions[row], tracked.covariance[row]
+    known = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))  # along any direction
+    if robot.tool.mouth[0] > 0.0:
+        return not inside(robot, q, place, known)
+    point, _ = robot.tool_pose(q)
+    return math.dist(place, point + planned) > _wide(robot.tool) + known
 
 
 def inside(robot: Robot, q: FloatArray, place: FloatArray, spread: float = 0.0) -> bool:
     """Whether a ``place`` (3,), known to ``spread`` [m], is in the mouth of the tool at ``q``."""
-    if robot.tool is None:
+    if robot.tool is None or robot.tool.mouth[0] <= 0.0:
         return False
     point, axis = robot.tool_pose(q)
     along = float((place - point) @ axis)
     aside = float(np.linalg.norm(place - point - along * axis))
-    wide = max(robot.tool.mouth[1], 0.01) + spread  # as deep below the tool point, at most
+    wide = _wide(robot.tool) + spread  # as deep below the tool point, at most
     return aside <= wide and -wide <= along <= robot.tool.depth + spread
+
+
+def _wide(tool: Tool) -> float:
+    """How far beside its place a target still is in a tool [m]."""
+    return max(tool.mouth[1], 0.01)
 
 
 def untold(look: Look, base: Scene, reach: float) -> Look:

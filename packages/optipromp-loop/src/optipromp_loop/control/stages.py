@@ -414,7 +414,9 @@ class Take(Stage):
         drive, self.since = loop.driver, min(self.since, now)
         if now - self.since < loop.parameters.hold:
             return drive.halt(now) if self.fallen else drive.go_on(now, tracked), None
-        outside = plant.outside(loop.robot, drive.state(now).q, tracked)
+        target, route = self.push.pick.reach.scene.target, drive.route
+        planned = np.zeros(3) if target is None else target.position - route.points[-1]
+        outside = plant.outside(loop.robot, drive.state(now).q, tracked, planned)
         if not self.caught if self.fallen else outside:
             return self.push.ends(loop, now, FALLS if self.fallen else "the target is not inside")
         if loop.robot.tool is None:  # nothing is taken out
