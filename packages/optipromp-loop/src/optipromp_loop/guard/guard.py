@@ -420,9 +420,8 @@ class Guard:
             self._tracker = Tracker(told, first=first_tracks(told, p.known))
         for look in come:
             self._tracker.add(look, self._pushed())
-            if not self._pushing:  # else what is seen of fruits that the tool moves is no thing
-                fruits = self._tracker.at(look.time).objects()
-                self._base = self._base.after(look, fruits, self.robot, q)
+            fruits, among = self._tracker.at(look.time).objects(), bool(self._pushing)
+            self._base = self._base.after(look, fruits, self.robot, q, among=among)
         seen = self._tracker.at(self.time if time is None else time)
         scene = seen_scene(self._base.scene, self.scene, seen, p.changed)
         during = self._plant.during_push(scene) if self._pushing else None

@@ -154,6 +154,8 @@ class Scene(Shown, Framed):
         crop: of the fruits: what they are made of and what they bear, in the simulation; None: the
             simulation's own parameters and thresholds.
         metres: whether the file states its unit of length: then distances are meant as they are.
+        unseen: cloud where no picture shows what is there, of cells as wide as twice its radius; no
+            obstacle, but a pick that sweeps it is less sure (:attr:`Plan.failure`); None: not told.
 
     Raises:
         InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; a
@@ -180,6 +182,7 @@ class Scene(Shown, Framed):
     place: Place | None = None
     crop: Crop | None = None
     metres: bool = False
+    unseen: SceneObject | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
