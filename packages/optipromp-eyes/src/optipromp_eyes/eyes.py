@@ -12,7 +12,8 @@ from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
-from optipromp.core.scenes.look import HIDDEN, Look, points_of
+from optipromp.core.scenes.look import HIDDEN as BEHIND
+from optipromp.core.scenes.look import Look, points_of
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes.detector import usual_finder
@@ -21,12 +22,12 @@ from optipromp_eyes.finder import MOST_FITS, Finder, Found, Region, box_of, larg
 from optipromp_eyes.fusing import Detection as Detection
 from optipromp_eyes.fusing import Sighting as Sighting
 from optipromp_eyes.fusing import fused
-from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_green, is_wall, smooth
+from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_green, is_large, smooth
 from optipromp_eyes.parameters import EyeParameters, eyes_of
 from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp_eyes.solids import solids
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
-from optipromp_eyes.stems import FIRST_GAP, SeenStem, stem_of
+from optipromp_eyes.stems import DEPTH, FIRST_GAP, HIDDEN, LEAST, SeenStem, stem_of
 from optipromp_eyes.unmeasured import USUAL, unmeasured
 from optipromp_eyes.unseen import solid_things, unseen_about
 
@@ -86,14 +87,14 @@ def look_at(
         wide = 0.006 * picture.camera.focal / fit.center[2]  # [pixel] of a stem: what errs as one
         per = max(min(wide, 6.0), 1.0)
         stem = stem_of(fit, *traces[0], upward, p, per)
-        straight.append(stem is not None and not stem.bent)
+        straight.append(stem is not None and not stem.gap)
         if stem is None and len(traces) > 1:
-            stem = stem_of(fit, *traces[1], upward, p, per)
+            stem = stem_of(fit, *traces[1], upward, p, per, HIDDEN[:1])
         unsure = any((region.pixels[each.box] & each.part).any() for each, _ in doubted)
         if abs(math.log(fit.radius / p.radius)) > USUAL * p.radius_spread:
             named = _hangs(fit, stem, traces[0][0], p)
         else:
-            named = stem is not None or region.kind == "ripe" or unsure
+            named = (stem is not None and not stem.gap) or region.kind == "ripe" or unsure
             named = named or is_green(picture, region, p)
         if not named:
             continue  # a round front of unknown kind, among the solids
@@ -130,7 +131,7 @@ def _measured(
         colours[region.box][region.part] = KINDS[region.kind]
     out: list[tuple[Region, Spheroid]] = []
     masks = {kind: colours == KINDS[kind] for kind in ("ripe", "unripe")}
-    seeds = [region for region in found.fruits if not is_wall(picture, region, p)]
+    seeds = [region for region in found.fruits if not is_large(picture, region, p)]
     chosen = largest(np.array([region.part.sum() for region in seeds], dtype=np.int64), MOST_FITS)
     left_out, seeds = len(seeds) - len(chosen), [seeds[k] for k in chosen]
     for again in range(SEEDINGS):
@@ -209,7 +210,7 @@ def _stem_points(
     rays, depth = picture.camera.through(rows[:, ::-1]), picture.depth[*rows.T]
     measured = (
         rays[depth > 0.0] * depth[depth > 0.0, None],
-        np.full((depth > 0.0).sum(), p.stem_depth),
+        np.full((depth > 0.0).sum(), DEPTH),
     )
     box = box_of(mask, BESIDE // 2)
     behind = np.where(mask[box], 0.0, picture.depth[box]).astype(np.float32)
@@ -227,14 +228,14 @@ def _stem_points(
     away, nearest = cKDTree(known).query(rows[~sure])
     depth[~sure] = np.where(away * far[nearest] < LENT * picture.camera.focal, far[nearest], 0.0)
     there = depth > 0.0
-    lent = rays[there] * depth[there, None], np.where(sure[there], p.stem_depth, UNSURE)
+    lent = rays[there] * depth[there, None], np.where(sure[there], DEPTH, UNSURE)
     return measured, lent
 
 
 def _hangs(fit: Spheroid, stem: SeenStem | None, points: FloatArray, p: EyeParameters) -> bool:
     """Whether a long stem is seen that ends at a fruit: of ``points`` (N, 3) of stems, few are on
     its line beyond the fruit, as where the stem of another passes behind."""
-    if stem is None or stem.support < 2.0 * p.stem_least:
+    if stem is None or stem.support < 2.0 * LEAST:
         return False
     off = points - fit.center
     along = -off @ stem.direction - max(fit.radius, fit.half)
@@ -347,7 +348,7 @@ def seen_scene(
     if solid := solid_things(sights, known, found):
         told = "; ".join(f"{item.id} at {where}" for where, item in solid)
         assumed.append(
-            f"solid, since no fruit, stem or known thing explains it, and up to {1e3 * HIDDEN:.0f} "
+            f"solid, since no fruit, stem or known thing explains it, and up to {1e3 * BEHIND:.0f} "
             "mm behind, which nobody saw (another picture from aside, and --together, may show it "
             f"free): {told}"
         )
