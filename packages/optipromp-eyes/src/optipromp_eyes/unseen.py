@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from itertools import chain, count
 
 import numpy as np
@@ -38,7 +39,8 @@ def solid_things(
         places = {o.id: p for o, p in zip(each.look.solids, each.places, strict=True)}
         shown = list(unexplained(each.look, *given))
         others = [one.picture for one in sights if one is not each and one.picture is not None]
-        for item in with_hidden(shown, each.look, *given, free=lambda x, o=others: _free(x, o)):
+        free = partial(_free, pictures=others)
+        for item in with_hidden(shown, each.look, *given, free=free):
             more = (f"{item.id}-{n}" for n in count(2))
             name = next(n for n in chain([item.id], more) if n not in taken)
             taken.add(name)

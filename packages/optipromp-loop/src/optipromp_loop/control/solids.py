@@ -25,6 +25,7 @@ from optipromp.core.scenes.look import (
 )
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.scene import Scene
+from optipromp_loop.control.tracker import Tracker
 
 SAME = 0.02  # [m] from a thing, within which what is seen is the thing: a choice
 STIRRED = 0.03  # [m] from a fruit that the tool moves, within which what is seen is it: a choice
@@ -48,16 +49,16 @@ class Solids:
         return replace(self.told, objects=(*self.told.objects, *self.items))
 
     def after(
-        self, look: Look, fruits: Sequence[SceneObject], robot: Robot, q: FloatArray, *,
-        among: bool = False,
-    ) -> Solids:  # fmt: skip
-        """The things after a look with the arm at ``q`` (n,), and ``fruits`` that are known; itself
-        where nothing came or went.
+        self, look: Look, tracker: Tracker, robot: Robot, q: FloatArray, *, among: bool = False
+    ) -> Solids:
+        """The things after a look with the arm at ``q`` (n,), and fruits that are tracked;
+        itself where nothing came or went.
 
         ``among``: whether the tool moves fruits, so that more about each is of it.
         """
         if not (look.solids or self.items):
             return self
+        fruits = tracker.at(look.time).objects()
         arm = np.column_stack([robot.sphere_centers(q), robot.spheres.radius])
         given = self.told, fruits, arm, reach(robot), STIRRED if among else BESIDE
         seen, kept, new = list(unexplained(look, *given)), list[SceneObject](), list[SceneObject]()

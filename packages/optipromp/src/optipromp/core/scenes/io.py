@@ -287,8 +287,8 @@ def scene_from_dict(
             where = f"objects[{index}]: " if index < len(model.objects) else "unseen: "
             frame = default if item.frame is None else frames[item.frame]
             up = frame.rotation.T @ frames["world"].rotation[:, 2]
-            one = object_of(item, scale, base_dir, shapes, up)
-            made.append(one if frame.is_identity else one.transformed(frame))
+            read = object_of(item, scale, base_dir, shapes, up)
+            made.append(read if frame.is_identity else read.transformed(frame))
             if model.scale is None:
                 check_magnitude(made[-1], told)
         where, objects = "", made[: len(model.objects)]

@@ -158,6 +158,7 @@ def points_of(item: SceneObject) -> FloatArray:
 
 def clouded(item: SceneObject, *clouds: FloatArray) -> SceneObject:
     """A cloud of other points (N, 3), in the frame of its position."""
+    assert isinstance(item.shape, PointCloudShape)
     points, middle = np.concatenate(clouds), np.concatenate(clouds).mean(axis=0)
-    shape = replace(item.shape, points=points - middle)  # type: ignore[call-arg]
+    shape = replace(item.shape, points=points - middle)
     return replace(item, shape=shape, position=middle, orientation=IDENTITY)
