@@ -183,6 +183,7 @@ def test_defaults_and_immutability():
 def test_input_is_left_alone():
     document = full()
     document["objects"] = document["objects"][:5]
+    document["unseen"] = None
     before = copy.deepcopy(document)
     scene_from_dict(document)
     assert document == before
@@ -191,6 +192,7 @@ def test_input_is_left_alone():
 def test_scale_reaches_every_length():
     metres = full()
     metres["objects"] = metres["objects"][:6]
+    del metres["unseen"]
 
     def thousandfold(value, key=""):
         if key in ("orientation", "direction", "lateral", "start", "physical", "format"):

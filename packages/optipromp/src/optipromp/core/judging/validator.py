@@ -317,8 +317,9 @@ def swept_unseen(scene: Scene, robot: Robot, q: FloatArray, points: FloatArray) 
     Over configurations ``q`` (M, n), with the tool points (M, 3) there; None: no cells are told.
     """
     item = scene.unseen
-    if item is None or not isinstance(item.shape, PointCloudShape):
+    if item is None:
         return None
+    assert isinstance(item.shape, PointCloudShape)
     side = 2.0 * item.shape.radius
     gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))
     rows = np.unique(np.searchsorted(gone, np.arange(0.0, gone[-1] + side, 0.5 * side)))

@@ -17,6 +17,7 @@ from pydantic import BeforeValidator
 from optipromp.core.arrays import FloatArray, IntArray, cross, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
+from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import Crop
@@ -200,6 +201,8 @@ class Scene(Shown, Framed):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
+        if self.unseen is not None and not isinstance(self.unseen.shape, PointCloudShape):
+            raise InvalidSceneError("unseen is no point_cloud: must be one, of cells' middles")
         check_trusses(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:
