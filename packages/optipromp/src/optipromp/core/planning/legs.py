@@ -39,6 +39,7 @@ from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
 from optipromp.core.planning.warming import one_thread
 from optipromp.core.planning.ways import Legs, retreats
+from optipromp.core.pushing.model import failing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
@@ -83,7 +84,8 @@ class Picked:
         A retreat tells that of the whole; the leg before the carry, that of a target that stands.
         """
         told = [leg.prediction.probability for leg in self.legs.values() if leg.prediction]
-        return told[-1] if told else math.nan
+        swept = max(leg.metrics.unseen or 0.0 for leg in self.legs.values())
+        return failing(told[-1], swept) if told else math.nan
 
     @property
     def duration(self) -> float:
