@@ -113,7 +113,7 @@ class Task:
     @functools.cached_property
     def surroundings(self) -> Surroundings:
         """Obstacles by role, packed when they are first read."""
-        return surroundings_of(self.scene, self.robot)
+        return surroundings_of(self.scene.world, self.robot)
 
     @functools.cached_property
     def _models(self) -> dict[bytes, PushModel | None]:
@@ -382,7 +382,7 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
     above = points[int(np.argmax(far >= min(blades.cut, 0.5 * far.max())))]
     cone, aside = (0.0 if value is None else value for value in (approach.cone, approach.aside))
     approach = replace(approach, shift=above - target.position, cone=cone, aside=aside)
-    return replace(scene, approach=approach)
+    return scene.approached(approach)
 
 
 DEGREES = 4.0 * np.pi  # [rad] chosen: larger values look like degrees
