@@ -20,6 +20,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.attempt import STILL
+from optipromp.core.planning.cutting import cuts, steady
 from optipromp.core.planning.leg_tasks import (
     carry_scene,
     distance_of,
@@ -141,7 +142,11 @@ def brought(legs: Legs, **request: Any) -> Picked:
     """A pick of some legs, with the carry after them where the scene has a place."""
     if RETREAT in legs and legs[RETREAT].success and legs[REACH].scene.place is not None:
         scene, robot = carry_scene(legs)
-        legs = legs | {CARRY: plan(scene, **request | {"robot": robot})}
+        carry = plan(scene, **request | {"robot": robot})
+        if cuts(legs[REACH].scene, robot.tool) and carry.success:
+            made = steady(legs[REACH].scene, robot, carry.trajectory)
+            carry = replace(leg(carry.task, made, carry.time["total"]), planner=carry.planner)
+        legs = legs | {CARRY: carry}
     return Picked(legs)
 
 

@@ -123,7 +123,7 @@ def relax(s, f, c, d, step, solid, look):
                 x, y, z = contacts.place(s, f.u, i, s.length[i] - f.up[i], share)
                 gap, n0, n1, n2 = stem_gap(x, y, z, s.thickness[i], within, at, cup)
                 if look and other > contacts.AT_BASE:
-                    away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
+                    away = gap - max(cup.outer - cup.neck, 0.0) if gap < ABOVE else gap - ABOVE
                     clear = other + int((away - SWING.close) * n / s.length[i])
             elif kind == contacts.ON_WALL:
                 if f.resting[i] and step.point > 0:
