@@ -19,7 +19,7 @@ import numpy as np
 
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
-from optipromp.core.planning.cutting import cuts, hung
+from optipromp.core.planning.cutting import cuts, from_side, hung
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Said
 from optipromp.core.planning.task import Task, Underway, laden, resolve, tool_motion
@@ -94,10 +94,10 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
     """The scene without the picked fruit, and the robot whose tool holds the fruit.
 
     The fruit is where the tool met it: its pose in the tool axes at the end of the reach. What
-    blades cut hangs from them (:func:`optipromp.core.planning.cutting.hung`); other fruits are
-    static to it, and the tool may touch them, whose push its model predicts. The scene
-    has the end of the reach as start and as goal. What the target stood on, or leant on, may be
-    touched by the target from then on.
+    blades cut hangs from them (:func:`optipromp.core.planning.cutting.hung`). Below blades that
+    came from the side, other fruits are static to it; the tool may touch them, whose push its model
+    predicts. The scene has the end of the reach as start and as goal. What the target stood on, or
+    leant on, may be touched by the target from then on.
     """
     target, robot, q = reach.scene.target, reach.robot, reach.trajectory.positions[-1]
     assert target is not None
@@ -113,6 +113,7 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
     objects = rooted(item for item in reach.scene.objects if item.id != target.id)
     if cuts(reach.scene, robot.tool):
         fruit, path = hung(reach.scene, robot, q)
+    if path is not None and from_side(reach.scene):  # from below it is between the blades
         fixed = [(item, part) for item in objects for part in _fixed(item)]
         objects = tuple(part for _, part in fixed)
         hang = [part.id for item, part in fixed if item.role != "static"]
