@@ -132,7 +132,7 @@ def grip(world: World, data: Any, target: Fruit) -> None:
     A hand holds it as it is, without a contact: how hard fingers press is theirs. A scissor holds
     the end of its stem, about which the fruit turns freely; what was below on the stem is gone.
     """
-    model, mujoco = world.model, engine()
+    model = world.model
     weld, tool = model.equality(GRIP).id, model.body("tool").id
     turn, own = data.xmat[tool].reshape(3, 3), data.xmat[target.body].reshape(3, 3)
     off = data.xpos[target.body] - data.xpos[tool]
@@ -145,13 +145,14 @@ def grip(world: World, data: Any, target: Fruit) -> None:
         end = points[int(np.argmin(away))] - data.xpos[tool]
         model.eq_data[weld, :6] = [*turn.T @ end, *own.T @ (end - off)]
         pieces = range(target.last + 2 - len(joints), target.last + 1)
-        first = min(k for k in between_blades(world, data)[0] if k in pieces)
+        cut = (k for k in between_blades(world, data)[0] if k in pieces)
+        first = min(cut, default=pieces.start)
         gone = (model.geom_bodyid >= first) & (model.geom_bodyid <= target.last)
         model.geom_contype[gone] = model.geom_conaffinity[gone] = 0
         model.geom_rgba[gone, 3] = 0.0
         return
     quaternion = np.zeros(4)
-    mujoco.mju_mat2Quat(quaternion, (turn.T @ own).ravel())
+    engine().mju_mat2Quat(quaternion, (turn.T @ own).ravel())
     model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *turn.T @ off, *quaternion]
     if world.robot.tool is not None and world.robot.tool.fingers:
         mine = np.flatnonzero(model.geom_bodyid == target.body)

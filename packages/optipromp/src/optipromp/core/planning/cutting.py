@@ -80,13 +80,8 @@ def hung(scene: Scene, robot: Robot, q: FloatArray) -> tuple[Attached, PathConst
     lean = math.acos(min(1.0, -float(middle @ scene.up) / math.hypot(*middle)))
     wide = 2.0 * math.sin(0.5 * min(lean + CUTTING.sway + CUTTING.tilt, math.pi))
     away, radii = lengths(ends - pivot), np.array([balls.radius, balls.above])
-    corners = target.position + target.shape.mesh().vertices @ target.rotation.T
-    part = np.clip(
-        (corners - ends[0]) @ (ends[1] - ends[0]) / max(balls.apart, 1e-9) ** 2, 0.0, 1.0
-    )
-    over = lengths(corners - ends[0] - part[:, None] * (ends[1] - ends[0])) - radii[0]
-    spare = max(0.0, float((over - part * (radii[1] - radii[0])).max()))
-    low, above = (radii + spare + wide * away).tolist()
+    across, _, _ = target.shape.outlines(middle[None] / math.hypot(*middle) @ target.rotation)
+    low, above = (radii + max(float(across[0]) - radii.max(), 0.0) + wide * away).tolist()
     shape: Shape = Sphere(max(low, above))
     place = away[0] * down
     if balls.apart > abs(low - above):

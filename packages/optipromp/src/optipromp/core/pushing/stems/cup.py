@@ -236,10 +236,23 @@ def stem_gap(x, y, z, radius, within, at, cup):
 
 
 @called
-def inside_cup(x, y, z, rx, ry, rz, apart, at, cup):
+def inside_cup(x, y, z, rx, ry, rz, radius, apart, at, cup):
     """Whether a fruit is inside the cup, or between the fingers; of blades, the fruit or its stem.
 
-    Its axis begins at the lower ball's centre (x, y, z) and leads ``apart`` [m] towards the stem's
+    No wall keeps a fruit out of fingers: a ball that reaches in from aside may slip in, and one
+    whose centre is ``SWING.barely`` before the tips.
+    """
+    if cup.within > 0.0:
+        return _within(x, y, z, rx, ry, rz, apart, at, cup, SWING.barely, radius)
+    return _within(x, y, z, rx, ry, rz, apart, at, cup, -SWING.barely, 0.0)
+
+
+@inner
+def _within(x, y, z, rx, ry, rz, apart, at, cup, beyond, aside):
+    """Whether the axis of a fruit meets the room in the cup, or in one that is larger.
+
+    The room ends ``beyond`` the rim; between fingers it is wider by ``aside`` on either side [m].
+    The axis begins at the lower ball's centre (x, y, z) and leads ``apart`` [m] towards the stem's
     root (rx, ry, rz). See :func:`optipromp.core.robots.tool_protocol.meets`.
     """
     h, _, a, b, c = in_cup(x, y, z, at)
@@ -249,8 +262,8 @@ def inside_cup(x, y, z, rx, ry, rz, apart, at, cup):
         share = 1.0 if cup.cut > 0.0 else apart / math.sqrt(rx * rx + ry * ry + rz * rz)
         dh, _, da, db, dc = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
         dh, da, db, dc = dh - h, da - a, db - b, dc - c
-    ends = cup.base, cup.rim - SWING.barely
-    return meets(h, a, b, c, dh, da, db, dc, cup.inner, *ends, cup.within, cup.ax, cup.ay, cup.az)
+    ends, wide = (cup.base, cup.rim + beyond), cup.within + aside
+    return meets(h, a, b, c, dh, da, db, dc, cup.inner, *ends, wide, cup.ax, cup.ay, cup.az)
 
 
 @called
@@ -261,7 +274,7 @@ def taken(x, y, z, rx, ry, rz, apart, at, cup):
     close, and the fruit is not.
     """
     if cup.cut == 0.0:
-        return inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
+        return _within(x, y, z, rx, ry, rz, apart, at, cup, -SWING.barely, 0.0)
     top, _, a, b, c = in_cup(rx, ry, rz, at)
     rx, ry, rz = rx - x, ry - y, rz - z
     share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)
@@ -286,7 +299,7 @@ def steps_inside(positions, points, axes, cup, s):
             x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
             rx, ry, rz = s.root[i, 0], s.root[i, 1], s.root[i, 2]
             apart = (1.0 - s.upper[i]) * s.length[i]
-            within[i] += inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
+            within[i] += inside_cup(x, y, z, rx, ry, rz, s.radius[i], apart, at, cup)
     return within
 
 

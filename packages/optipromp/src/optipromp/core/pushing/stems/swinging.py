@@ -476,7 +476,7 @@ def _take(s, f, at, cup, dt, p, out, forces, stem_forces, spell, pinched, so_far
         x, y, z = f.center[i, 0], f.center[i, 1], f.center[i, 2]
         rx, ry, rz = s.root[i, 0], s.root[i, 1], s.root[i, 2]
         apart = (1.0 - s.upper[i]) * s.length[i]
-        swallowed = inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
+        swallowed = inside_cup(x, y, z, rx, ry, rz, s.radius[i], apart, at, cup)
         spell[i] = spell[i] + 1 if swallowed else 0
         so_far[3] = max(so_far[3], spell[i] * dt)
         if f.firmly[i] and f.pressed[i] > 0.0:
