@@ -26,8 +26,7 @@ class Mouth(NamedTuple):
     """A round cup: radii, and heights over the tool point [m]; solid where inner = -outer.
 
     Of fingers and blades (``within`` above 0), radii are the distances of their inner sides and
-    backs from the axis: fruits meet two boxes and the palm's box. Stems meet these boxes of blades
-    (``cut`` above 0), and the cup of fingers.
+    backs from the axis: fruits and stems meet two boxes and the palm's box.
     """
 
     inner: float
@@ -218,7 +217,7 @@ def stem_gap(x, y, z, radius, within, at, cup):
     height over the rim plus :data:`ABOVE`.
     """
     h, rho, x, y, z = in_cup(x, y, z, at)
-    if cup.cut > 0.0:
+    if cup.within > 0.0:
         return _hand_gap(h, rho, x, y, z, radius, at, cup)
     if h > cup.rim + 1e-6 or rho < 1e-9:
         return ABOVE + max(h - cup.rim, 0.0), 0.0, 0.0, 0.0
