@@ -11,7 +11,7 @@ import math
 import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any, Literal
 
 Direction = Literal["lower", "higher"]
@@ -94,23 +94,14 @@ class Row:
     details: Mapping[str, Any] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain values for JSON."""
-        out = {k: v for k, v in asdict(self.metric).items() if k != "about"}
-        out |= {"status": self.status, "value": self.value}
-        if self.reason:
-            out["reason"] = self.reason
-        if self.details:
-            out["details"] = dict(self.details)
-        return out
+        """As plain values for JSON, those of the metric too."""
+        return asdict(self.metric) | {k: v for k, v in vars(self).items() if k != "metric"}
 
     @staticmethod
     def from_dict(data: Mapping[str, Any]) -> "Row":
         """The inverse of :meth:`to_dict`."""
-        keys = ("name", "unit", "direction", "tolerance", "target")
-        return Row(
-            Metric(**{k: data[k] for k in keys}), data["status"], data["value"],
-            data.get("reason", ""), data.get("details", {}),
-        )  # fmt: skip
+        own = {each.name: data[each.name] for each in fields(Metric) if each.name in data}
+        return Row(Metric(**own), **{k: v for k, v in data.items() if k not in own})
 
 
 @dataclass(frozen=True)

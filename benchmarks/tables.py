@@ -1,4 +1,4 @@
-"""Results as tables: for the terminal, and as Markdown for the documentation."""
+"""Results as tables of Markdown, for the terminal and for the documentation."""
 
 import json
 from collections.abc import Iterable, Sequence
@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.registry import Benchmark, Row
+from optipromp_bench.experiments.statistics import Table
 
 BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
@@ -79,13 +80,6 @@ def families(rows: Iterable[Row]) -> dict[str, dict[str, dict[str, Row]]]:
     return out
 
 
-def grid(subjects: dict[str, dict[str, Row]]) -> tuple[list[str], list[list[str]]]:
-    """Header and cells of one family's table."""
-    quantities = list(dict.fromkeys(q for row in subjects.values() for q in row))
-    body = [[s, *(cell(row.get(q)) for q in quantities)] for s, row in subjects.items()]
-    return ["", *quantities], body
-
-
 def reasons(subjects: dict[str, dict[str, Row]]) -> list[str]:
     """Why cells are empty, one line for each reason of each subject."""
     out = dict.fromkeys(
@@ -98,36 +92,27 @@ def reasons(subjects: dict[str, dict[str, Row]]) -> list[str]:
 
 
 def text(rows: Iterable[Row]) -> str:
-    """Tables for the terminal."""
+    """A table for each family, with why cells are empty below it, as Markdown."""
     parts = []
     for family, subjects in families(rows).items():
-        header, body = grid(subjects)
-        lines = [[cell.replace("**", "") for cell in line] for line in (header, *body)]
-        widths = [max(len(line[i]) for line in lines) for i in range(len(header))]
-        shown = ["  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)) for line in lines]
-        notes = [f"  {reason}" for reason in reasons(subjects)]
-        parts.append("\n".join([family, *(f"  {line.rstrip()}" for line in shown), *notes]))
-    return "\n\n".join(parts)
+        quantities = list(dict.fromkeys(q for row in subjects.values() for q in row))
+        lines = [[s, *(cell(row.get(q)) for q in quantities)] for s, row in subjects.items()]
+        parts.append(str(Table(family[0].upper() + family[1:], ["", *quantities], lines)))
+        parts += ["".join(f"- {note}\n" for note in notes)] if (notes := reasons(subjects)) else []
+    return "\n".join(parts)
 
 
 def markdown(results: dict[str, Any]) -> str:
-    """Tables for the documentation, with where and with what they were made."""
+    """The tables for the documentation, with where and with what they were made."""
     machine, versions = results["machine"], results["versions"]
     packages = ", ".join(f"{name} {v}" for name, v in versions.items() if v is not None)
     missing = [name for name, v in versions.items() if v is None]
-    lines = [
+    told = (
         f"{machine['cpu']}, {machine['cores']} cores, {machine['system']}; "
         f"{results['date'][:10]}, commit {results['commit']}. {packages}. {results['compiler']}."
         + (f" Not installed: {', '.join(missing)}." if missing else "")
-    ]
-    for family, subjects in families(Row.from_dict(r) for r in results["rows"]).items():
-        header, body = grid(subjects)
-        lines += ["", f"### {family[0].upper()}{family[1:]}", ""]
-        lines += [_line(header), "|" + "---|" * len(header), *map(_line, body)]
-        notes = reasons(subjects)
-        if notes:
-            lines += ["", *(f"- {note}" for note in notes)]
-    return "\n".join(lines) + "\n"
+    )
+    return f"{told}\n\n{text(Row.from_dict(r) for r in results['rows'])}"
 
 
 def write_markdown(path: Path, text: str) -> None:
@@ -138,7 +123,3 @@ def write_markdown(path: Path, text: str) -> None:
             before, rest = page.split(BEGIN, 1)
             text = f"{before}{BEGIN}\n{text}{END}{rest.split(END, 1)[1]}"
     path.write_text(text, encoding="utf-8")
-
-
-def _line(cells: Sequence[str]) -> str:
-    return "| " + " | ".join(c.replace("|", "\\|") for c in cells) + " |"

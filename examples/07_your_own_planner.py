@@ -7,7 +7,7 @@ configuration in turn, slowly, and the best by the library's own verdict is take
 
 `register` makes it known in this process. A package makes its planner known to everyone who
 installs it by an entry point in its pyproject.toml; it then appears in `optipromp list`,
-`optipromp plan --planner line`, `optipromp study` and on the page too, with its settings:
+`optipromp plan --planner line`, `optipromp bench study` and on the page too, with its settings:
 
     [project.entry-points."optipromp.planners"]
     line = "my_package.planner:Line"

@@ -18,7 +18,6 @@ from optipromp_sim.simulation import (
     SimulatedArm,
     SimulationParameters,
 )
-from optipromp_sim.simulation.detector import Truth
 
 scene = generate("cluster", 2)
 sway = DisturbanceParameters(sway=0.01)  # [m]
@@ -29,9 +28,7 @@ eye = Eye(Detector(scene, controller.robot, DETECTORS["zero-mean"]))
 
 def source(time, measured, reference):
     """What the camera delivers goes to the controller, whose next stretch goes to the arm."""
-    fruits = arm.simulation.fruits()
-    truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-    eye.see(time, measured.q, truth)
+    eye.see(time, measured.q, arm.simulation.fruits())
     for look in eye.delivered(time):
         controller.see(look)
     if controller.holding:

@@ -114,7 +114,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     rng, work = random.Random(options.seed), Path(tempfile.mkdtemp(prefix="interrupt-"))
-    study = ["study", "--preset", "cluster", "--planners", "opti-promp,straight", "--seeds", "0:4",
+    study = ["bench", "study", "presets=cluster", "planners=opti-promp,straight", "seeds=0:4",
              "--workers", "2", "--out"]  # fmt: skip
     demos = work / "demos.npz"
     shape = (8, 40, 7)

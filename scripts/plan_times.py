@@ -1,19 +1,15 @@
 """Is a plan slower than before? Process times of 40 scenes, of two installations in turn.
 
-``python scripts/plan_times.py BEFORE AFTER`` takes the Python of an environment that holds the
-project as it was, and that of one that holds the project as it is. BEFORE writes 40 scenes; both
-read and plan them in processes of their own, in turn, ``ROUNDS`` times or more. The figure of a
-scene is its least process time, so work beside this script hardly counts. The script exits with 1
-where the ratio after : before is over ``MEDIAN`` in the median, or over ``TAIL`` at 95 %;
-``.ci/speed`` calls it. ``python scripts/plan_times.py --commit 3be406b --presets cluster,mixed``
-compares this Python's installation with a commit, for which it makes an environment, and exits
-with 0.
+``python scripts/plan_times.py BEFORE AFTER [PRESETS]`` takes the Python of an environment that
+holds the project as it was, and that of one that holds the project as it is. BEFORE writes 40
+scenes, or those of some presets; both read and plan them in processes of their own, in turn,
+``ROUNDS`` times or more. The figure of a scene is its least process time, so work beside this
+script hardly counts. The script exits with 1 where the ratio after : before is over ``MEDIAN`` in
+the median, or over ``TAIL`` at 95 %; of some presets it only tells. ``.ci/speed`` makes the
+environment of the last release, or of a commit.
 """
 
-import argparse
 import json
-import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -65,26 +61,12 @@ def slower(least: dict[str, list[float]]) -> bool:
     return ratios[len(ratios) // 2] > MEDIAN or ratios[int(0.95 * len(ratios))] > TAIL
 
 
-def environment(commit: str, folder: Path) -> str:
-    """The Python of a new environment in a folder that holds the project as of a commit."""
-    root, source = Path(__file__).resolve().parents[1], folder / "source"
-    archive = folder / "source.tar"
-    with archive.open("wb") as stream:
-        subprocess.run(["git", "-C", root, "archive", commit], stdout=stream, check=True)
-    shutil.unpack_archive(archive, source)
-    subprocess.run([sys.executable, "-m", "venv", folder / "before"], check=True)
-    python = folder / "before/bin/python"
-    parts = sorted(source.glob("packages/*/")) or [source]  # the layout until 0.3.0
-    install = [python, "-m", "pip", "install", "-q", "-c", "constraints.txt", *parts]
-    subprocess.run(install, cwd=source, check=True)
-    return str(python)
-
-
-def main(before: str, after: str, presets: dict[str, int] = PRESETS) -> int:
+def main(before: str, after: str, presets: str = "") -> int:
     """Print the ratio of process times; 1 where plans are slower."""
+    before, after = (str(Path(python).absolute()) for python in (before, after))
     with tempfile.TemporaryDirectory() as folder:
-        for preset, count in presets.items():
-            words = ["--preset", preset, "--seed", str(FIRST), "--count", str(count)]
+        for preset in presets.split(",") if presets else PRESETS:
+            words = ["--preset", preset, "--seed", str(FIRST), "--count", str(PRESETS[preset])]
             words += ["--out", str(Path(folder, preset))]
             run(before, "-m", "optipromp", "generate", *words)
         least: dict[str, list[float]] = {}
@@ -105,29 +87,8 @@ def main(before: str, after: str, presets: dict[str, int] = PRESETS) -> int:
         f"at most {MEDIAN} in the median, {TAIL} at 95 %"
     )
     print("plans are SLOWER" if slower(least) else "plans are not slower")
-    return int(slower(least))
-
-
-def command_line() -> int:
-    """See the module."""
-    ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    ask.add_argument("pythons", nargs="*", metavar="BEFORE AFTER")
-    ask.add_argument("--commit", help="in place of BEFORE and AFTER")
-    ask.add_argument("--presets", default=",".join(PRESETS), help="of the scenes")
-    told = ask.parse_args()
-    presets = {name: PRESETS[name] for name in told.presets.split(",")}
-    if told.commit:
-        if "PYTHONPATH" in os.environ:
-            ask.error("PYTHONPATH is set, which the other commit would import: unset it")
-        with tempfile.TemporaryDirectory() as folder:
-            os.environ["OPTIPROMP_CACHE"] = str(Path(folder, "cache"))
-            main(environment(told.commit, Path(folder)), sys.executable, presets)
-        return 0
-    if len(told.pythons) != 2:
-        ask.error("name two Pythons, or --commit")
-    before, after = (str(Path(python).absolute()) for python in told.pythons)
-    return main(before, after, presets)
+    return int(slower(least) and not presets)
 
 
 if __name__ == "__main__":
-    sys.exit(command_line())
+    sys.exit(main(*sys.argv[1:]))

@@ -41,8 +41,8 @@ import numpy as np
 from benchmarks.entries.learnt import hand_of
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
-from optipromp_bench.env import MOST, WIDTH, PickEnv, PickProMPEnv, objects_of
-from optipromp_bench.episodes import DATA, follower
+from optipromp_bench.env import MOST, WIDTH, PickProMPEnv, objects_of
+from optipromp_bench.episodes import DATA, EpisodeAsk, driven_episode
 from optipromp_bench.primitive import COUNT, weights_of
 from optipromp_bench.sets import PRESETS
 from optipromp_sim.generate import generate
@@ -91,37 +91,23 @@ def plans(out: Path, seeds: range, presets: Presets) -> None:
 def steps(out: Path, seeds: range, presets: Presets) -> None:
     """Drive plans with disturbed velocities; keep what was seen and what should have been done."""
     out.mkdir(parents=True, exist_ok=True)
-    env = PickEnv(presets, condition="zero-mean")
     for low in range(seeds.start, seeds.stop, 20):
         file = out / f"steps-{low}.npz"
         if file.exists():
             continue
-        arms, objects, actions, done = [], [], [], 0
-        for seed in range(low, min(low + 20, seeds.stop)):
-            rng = np.random.default_rng([seed, 3])
-            options = {"preset": preset_of(seed, presets), "scene": seed}
-            seen, _ = env.reset(seed=seed, options=options)
-            episode = env.episode
-            assert episode is not None
-            made = plan(episode.scene, seed=seed)
-            if not made.success:
-                continue
-            expert = follower(made)
-            push, ended, info = np.zeros(3), False, {}
-            while not ended:
-                right = expert(episode.observe().tool_point)
-                arms.append(seen["arm"])
-                objects.append(seen["objects"].astype(np.float16))
-                actions.append(right)
-                push = 0.9 * push + 0.1 * EPISODE_NOISE * 3.0 * rng.standard_normal(3)
-                seen, _, stop, cut, info = env.step(np.clip(right + push, -1.0, 1.0))
-                ended = stop or cut
-            done += bool(info["is_success"])
+        asks = (
+            EpisodeAsk(preset_of(seed, presets), seed, "zero-mean", noise=EPISODE_NOISE)
+            for seed in range(low, min(low + 20, seeds.stop))
+        )
+        made = [each for each in map(driven_episode, asks) if each is not None]
         np.savez_compressed(
-            file, arm=np.array(arms, dtype=np.float32), objects=np.array(objects),
-            action=np.array(actions, dtype=np.float32),
+            file, arm=np.concatenate([each.seen["arm"][:-1] for each in made]),
+            objects=np.concatenate([each.seen["objects"][:-1] for each in made], dtype=np.float16,
+                                   casting="same_kind"),
+            action=np.concatenate([each.actions for each in made]),
         )  # fmt: skip
-        print(file.name, len(arms), f"{done} picked", flush=True)
+        print(file.name, sum(len(each.actions) for each in made),
+              f"{sum(each.success for each in made)} picked", flush=True)  # fmt: skip
 
 
 def turned(objects: np.ndarray, rng: np.random.Generator, *others: np.ndarray) -> list[np.ndarray]:

@@ -19,7 +19,6 @@ from optipromp_sim.simulation import (
     SimulatedArm,
     SimulationParameters,
 )
-from optipromp_sim.simulation.detector import Truth
 
 # %% [markdown]
 # The scene is what was seen first. The arm is simulated, and so is the wind: the fruits sway by
@@ -47,9 +46,7 @@ eye = Eye(Detector(scene, controller.robot, DETECTORS["zero-mean"]))
 # %%
 def source(time, measured, reference):
     """What the camera delivers goes to the controller, whose next stretch goes to the arm."""
-    fruits = arm.simulation.fruits()
-    truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-    eye.see(time, measured.q, truth)
+    eye.see(time, measured.q, arm.simulation.fruits())
     for look in eye.delivered(time):
         controller.see(look)
     if controller.holding:

@@ -22,7 +22,7 @@ import numpy as np
 
 from optipromp.core.planning import plan, warm_up
 from optipromp.core.robots.library import NOTHING
-from optipromp_bench.experiments.statistics import share, tabled
+from optipromp_bench.experiments.statistics import Table, share
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import simulate
 
@@ -104,7 +104,7 @@ class Arms:
         }  # fmt: skip
 
     @staticmethod
-    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]:
         """A line for each arm."""
         lines = []
         for name, own in itertools.groupby(itertools.chain(*parts.values()), lambda r: r["arm"]):
@@ -117,4 +117,4 @@ class Arms:
                 sum(row["valid"] for row in rows), picked, share(picked, len(rows)),
                 *(f"{ratio:.1f}" for ratio in ratios),
             ])  # fmt: skip
-        return tabled("Arms", COLUMNS, lines)
+        return [Table("Arms", COLUMNS, lines)]

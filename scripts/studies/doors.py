@@ -27,7 +27,7 @@ from optipromp.core.planning import Plan
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes import Scene
 from optipromp.looks.reports import plan_report
-from optipromp_bench.experiments.statistics import share, tabled
+from optipromp_bench.experiments.statistics import Table, share
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import simulate
 
@@ -124,7 +124,7 @@ class Doors:
         return row | ({"kept": kept(door, made, run.rollout)} if door in KEPT else {})
 
     @staticmethod
-    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]:
         """A line for each door and preset."""
         lines, groups = [], dict[tuple[str, str], list[Mapping[str, Any]]]()
         for row in itertools.chain(*parts.values()):
@@ -140,7 +140,7 @@ class Doors:
                 " / ".join(f"{t:.2f} s" for t in np.quantile(times, [0.5, 0.95])),
                 f"{worst:.1f} {KEPT[door]}" if door in KEPT else "–",
             ])  # fmt: skip
-        return tabled("Doors", COLUMNS, lines)
+        return [Table("Doors", COLUMNS, lines)]
 
 
 KEPT = {"way points": "mm", "path": "°", "report": "MB"}

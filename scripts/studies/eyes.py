@@ -23,7 +23,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.scenes.scene import SceneObject
 from optipromp_bench.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
-from optipromp_bench.experiments.statistics import share, tabled
+from optipromp_bench.experiments.statistics import Table, share
 from optipromp_eyes.detector import finder_named
 from optipromp_eyes.eyes import Detection, Sighting, look_at
 from optipromp_eyes.finder import Finder
@@ -229,7 +229,7 @@ class Sees:
         return {"seen": out}
 
     @staticmethod
-    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]:
         """A table for each study, a line for each kind of picture and finder."""
         out = []
         for rows in parts.values():
@@ -240,8 +240,8 @@ class Sees:
                     groups.setdefault(key, []).append(seen)
             looks = ",".join(dict.fromkeys(row["looks"] for row in rows))
             lines = [cells(*key, figures(seen)) for key, seen in groups.items()]
-            out.append(tabled(f"Pictures with {looks} looks", COLUMNS, lines))
-        return "\n".join(out)
+            out.append(Table(f"Pictures with {looks} looks", COLUMNS, lines))
+        return out
 
 
 COLUMNS = (

@@ -22,7 +22,7 @@ from optipromp.core.geometry import Box, Cylinder, Shape, Sphere, distances
 from optipromp.core.geometry.obstacles import pack
 from optipromp.core.judging.clearance import pieces
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp_bench.experiments.statistics import share, tabled
+from optipromp_bench.experiments.statistics import Table, share
 from optipromp_eyes import look_at, seen_scene
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import Run, simulate
@@ -94,7 +94,7 @@ class Ghosts:
         return {"result": result, "why": why}
 
     @staticmethod
-    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]:
         """A table for each study, a line for each ghost."""
         columns, out = ("ghost", "n", "promised", "touched of these % (95 %)", *ENDS), []
         for title, rows in parts.items():
@@ -103,8 +103,8 @@ class Ghosts:
                 ends = Counter(row["result"] for row in rows if name in (row["ghost"], "all"))
                 sure, counts = sum(ends[end] for end in ENDS[:3]), [ends[end] for end in ENDS]
                 lines.append([name, ends.total(), sure, share(ends["touched"], sure), *counts])
-            out.append(tabled(f"Ghosts, {title}", columns, lines))
-        return "\n".join(out)
+            out.append(Table(f"Ghosts, {title}", columns, lines))
+        return out
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from optipromp.core.errors import OptiPrompError
 from optipromp.core.trajectory import Trajectory
 from optipromp_bench.entries import ENTRIES
 from optipromp_bench.episode import LONGEST, Driven, Episode, Observation
-from optipromp_bench.experiments.statistics import share, tabled
+from optipromp_bench.experiments.statistics import Table, share
 from optipromp_bench.running import STEADY
 from optipromp_loop.guard import Guard
 from optipromp_sim.generate import generate
@@ -74,9 +74,9 @@ class Guards:
             return {"result": "error", "causes": str(error)}
 
     @staticmethod
-    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]:
         """A table for each study."""
-        return "\n".join(table(rows) for rows in parts.values())
+        return [table(rows) for rows in parts.values()]
 
 
 def following(curve: Trajectory, period: float) -> Policy:
@@ -163,7 +163,7 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     return row, Run(*shown, episode.records, outcome, 0.0)
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> str:
+def table(rows: Sequence[Mapping[str, Any]]) -> Table:
     """A line for each entry, preset, engine and condition: alone beside guarded; and one of all."""
     groups: dict[tuple[str, ...], dict[bool, list[Mapping[str, Any]]]] = {}
     for row in rows:
@@ -184,7 +184,7 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         lines.append([*cells, *steps_of([row for row in groups[key][True] if row.get("steps")])])
     wander = {row["entry"] for row in rows} == {"random"}
     conditions = ",".join(dict.fromkeys(row["condition"] for row in rows))
-    return tabled("Random motions" if wander else f"Condition `{conditions}`", columns, lines)
+    return Table("Random motions" if wander else f"Condition `{conditions}`", columns, lines)
 
 
 def steps_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:

@@ -91,7 +91,7 @@ class Spy:
 
 
 class Thief:
-    """Read the judge's memory, and leave a process behind."""
+    """Read the judge's memory and its arguments, and leave a process behind."""
 
     def plan(self, scene: Scene, seed: int) -> None:
         left = subprocess.Popen(["sleep", "1000"], start_new_session=True).pid
@@ -100,7 +100,8 @@ class Thief:
             told = "was read"
         except OSError as error:
             told = str(error)
-        raise ValueError(f"{left} {told}")
+        words = Path(f"/proc/{os.getppid()}/cmdline").read_text().rstrip("\0")
+        raise ValueError(f"{left} {told} {words}")
 
 
 class Patcher:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from trimesh.remesh import subdivide
 
 from optipromp.core.geometry import Box, MeshShape, Sphere
 from optipromp.core.robots.model import Robot
@@ -30,13 +31,16 @@ def moving(robot: Robot, q: Any, dt: float = 1.0) -> Trajectory:
     return Trajectory(dt * np.arange(len(q)), q, still, still, robot.joint_names)
 
 
-def box_mesh(size: tuple[float, float, float]) -> MeshShape:
+def box_mesh(size: tuple[float, float, float], cuts: int = 0) -> MeshShape:
+    """A box of 12 triangles, each of which is cut into four ``cuts`` times."""
     half = 0.5 * np.array(size)
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
     faces = [
         (0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5), (0, 4, 5), (0, 5, 1),
         (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
     ]  # fmt: skip
+    for _ in range(cuts):
+        corners, faces = subdivide(corners, np.array(faces))
     return MeshShape(corners, np.array(faces))
 
 

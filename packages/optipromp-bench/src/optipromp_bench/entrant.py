@@ -27,14 +27,13 @@ from optipromp.core.trajectory import Trajectory
 
 SERVED = "tcp:"
 """Beginning of the name of an entry that another process serves (:mod:`optipromp_bench.serve`)."""
-DUMPABLE, SUBREAPER, NO_NEW_PRIVS = 4, 36, 38  # PR_SET_ of prctl(2)
+IS_DUMPABLE, DUMPABLE, SUBREAPER, NO_NEW_PRIVS = 3, 4, 36, 38  # PR_GET_ and PR_SET_ of prctl(2)
 CAPSET = 0x20080522  # version of capset(2) with two words a set
 
 
-def prctl(option: int, value: int) -> None:
-    """Change what Linux lets a process do; elsewhere nothing happens."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(option, value, 0, 0, 0)
+def prctl(option: int, value: int = 0) -> int:
+    """Change, or get, what Linux lets a process do; elsewhere nothing happens."""
+    return ctypes.CDLL(None).prctl(option, value, 0, 0, 0) if sys.platform == "linux" else 0
 
 
 def confined() -> None:

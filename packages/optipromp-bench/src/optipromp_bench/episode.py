@@ -21,7 +21,7 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem
 from optipromp.core.trajectory import State, Trajectory
-from optipromp_loop.control.driver import path_back
+from optipromp_loop.control.courses import path_back
 from optipromp_loop.guard import Guard, Safe
 from optipromp_loop.guard.motion import joints_for as joints_for
 from optipromp_sim.detection import turned
@@ -350,8 +350,10 @@ class Driven:
 
 def guarded(guard: Guard, velocity: FloatArray, episode: Episode) -> Safe:
     """What a guard makes of a policy's velocities (n,) in an episode."""
-    look = episode.observe().look
+    seen = episode.observe()
+    look = seen.look
     looks = () if look is None or look.time <= guard.time else (look,)
+    guard.feel(episode.time, seen.force)
     return guard(velocity, episode.reference, looks, episode.time)
 
 

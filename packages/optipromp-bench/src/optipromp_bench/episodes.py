@@ -58,6 +58,7 @@ class EpisodeAsk:
     pictures: bool = False
     policy: str = ""  # entry of the track policy that acts; empty: our planner
     guarded: bool = False  # whether its actions pass a guard, and the guard's are the labels
+    noise: float = 0.0  # deviation of what disturbs each action, of which the labels know nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,9 +133,12 @@ def driven_episode(ask: EpisodeAsk) -> EpisodeData | None:
     info: dict[str, Any] = {}
     told, actions, rewards, acted = [seen], [], [], []
     terminated = truncated = False
+    rng, push = np.random.default_rng([ask.seed, 3]), np.zeros(3)
     while not (terminated or truncated):
         action = act().astype(np.float32)  # as in the file
-        seen, reward, terminated, truncated, info = behind.step(action.astype(np.float64))
+        push = 0.9 * push + 0.3 * ask.noise * rng.standard_normal(3)
+        moved = np.clip(action.astype(np.float64) + push, -1.0, 1.0)
+        seen, reward, terminated, truncated, info = behind.step(moved)
         told.append(seen)
         actions.append(info.get("action", action))
         acted.append(ask.guarded and info["guard"].acted)

@@ -9,6 +9,7 @@
                                 ``count``
 ``motions/PRESET-SEED.npz``     trajectory (times, positions, velocities, accelerations), or joint
                                 velocities of a policy by engine
+``round.json``                  the round of a run that was cut short, until it goes on
 ``submission.zip``              all of these, once every scene is done
 ``submission.verified.json``    what ``bench verify`` confirmed of the zip, by its SHA-256
 ==============================  ===================================================================
@@ -58,11 +59,12 @@ from optipromp_bench.experiments.rows import (
     source_version,
 )
 from optipromp_bench.running import STEADY, Exercise, again, rows_and_arrays
-from optipromp_bench.serve import dismissed, hired, unread
+from optipromp_bench.serve import dismissed, hide, hired, unread
 from optipromp_bench.sets import DEVELOPMENT, Round, SceneSet, entry_digest
 from optipromp_sim.situations import CONDITIONS, VARIATIONS
 
 RUN, MOTIONS, ZIP, RECORD = "run.json", "motions", "submission.zip", ".verified.json"
+LEFT = "round.json"
 SAME = 1e-6  # [rad, 1/s, 1/s²] by which two motions are one: other processors, other last bits
 
 
@@ -143,15 +145,27 @@ def engines_of(condition: str, variation: str) -> tuple[Engine, ...]:
 def staffed(
     entry: str, run: BenchRun, workers: int | None, patience: tracks.Patience = tracks.PATIENCE
 ) -> Iterator[None]:
-    """Entries in processes that end with the context. Raises InvalidRequestError where the entry
-    cannot be made, or lacks the track's methods."""
-    try:
+    """Entries in processes that end with the context, within which nobody reads the word here.
+    Raises InvalidRequestError where the entry cannot be made, or lacks the track's methods."""
+    with unread(), ExitStack() as stack:
+        stack.callback(dismissed)
         hired(entry, run.track, patience, run.digest).begin()
         if (workers or cores()) > 1:
             dismissed()  # each worker has its own
         yield
-    finally:
-        dismissed()
+
+
+@contextmanager
+def taken(run: BenchRun, folder: Path) -> Iterator[None]:
+    """A run that is cut short leaves its round in the folder, once its entries have ended, and
+    takes the file away before it goes on, so that no entry of it ever meets the word."""
+    (folder / LEFT).unlink(missing_ok=True)
+    try:
+        yield
+    except BaseException:
+        if run.round is not None:
+            write_atomically(folder / LEFT, json_text(asdict(run.round)).encode())
+        raise
 
 
 def run_bench(
@@ -176,6 +190,7 @@ def run_bench(
     with ExitStack() as stack:
         stack.enter_context(locked(folder / LOCK))
         _check_run(run, folder / RUN)
+        stack.enter_context(taken(run, folder))
         stack.enter_context(staffed(run.entry, run, workers, patience))
         file = RowFile(folder, SIGNED, tracks.ROW_FILE)
         if _signed(run, file.rows) != file.rows:
@@ -198,7 +213,7 @@ def run_bench(
         jobs, there = [(task,) for task in tasks], len(done.intersection(keys))
         hands = _hands(run.entry, workers, ray)
         gathered(
-            rows_and_arrays, jobs, hear, there, len(keys), progress=progress, prepare=unread,
+            rows_and_arrays, jobs, hear, there, len(keys), progress=progress, prepare=hide,
             **hands,
         )  # fmt: skip
         held = {row.key: row for row in file.rows}
@@ -342,7 +357,8 @@ def verify(
     with nullcontext() if entry is None else staffed(entry, run, workers):
         hands = _hands(entry or "", workers, ray)
         jobs = _Jobs(tasks, motion)
-        gathered(call, jobs, hear, 0, len(rows), progress=progress, prepare=unread, **hands)
+        hidden = None if entry is None else hide
+        gathered(call, jobs, hear, 0, len(rows), progress=progress, prepare=hidden, **hands)
     changed, unconfirmed = [], []
     for row in rows:
         now = fresh.get(row.key)

@@ -17,6 +17,7 @@ one that is late (:class:`optipromp_bench.tracks.Patience`) or longer than 100,0
 one of a Python class.
 """
 
+import ctypes
 import json
 import os
 import signal
@@ -25,8 +26,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -40,7 +41,15 @@ from optipromp.core.processes import THREADS, pickled
 from optipromp.core.scenes.io import scene_from_dict, scene_to_dict
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import Trajectory
-from optipromp_bench.entrant import DUMPABLE, SERVED, SUBREAPER, Motion, Refused, prctl
+from optipromp_bench.entrant import (
+    DUMPABLE,
+    IS_DUMPABLE,
+    SERVED,
+    SUBREAPER,
+    Motion,
+    Refused,
+    prctl,
+)
 from optipromp_bench.episode import Observation
 from optipromp_bench.experiments.eyes import without_fruits
 from optipromp_bench.sets import entry_digest
@@ -57,6 +66,7 @@ from optipromp_bench.tracks import (
 
 T = TypeVar("T")
 PLAIN: dict[str, Any] = {"target": "pushable"}  # for scenes of what is seen, with or without one
+PLACES = "PWD", "OLDPWD", "_"  # variables that tell where the judge was started, and by what
 VECTORS = "q", "velocity", "tool_point", "tool_axis", "force"  # of an observation
 
 
@@ -299,7 +309,6 @@ class Apart(Remote):
         return self._ask(pickled(("act", seen)), self.patience.act, velocity_of)
 
     def _start(self) -> None:
-        unread()
         self._folder = tempfile.TemporaryDirectory(prefix="entry-", ignore_cleanup_errors=True)
         source, work = (Path(self._folder.name, name) for name in ("source", "work"))
         source.mkdir()
@@ -317,7 +326,8 @@ class Apart(Remote):
         self._process = subprocess.Popen(
             [sys.executable, "-m", "optipromp_bench.entrant", str(number), str(source)],
             stdin=subprocess.DEVNULL, stdout=2, cwd=work,
-            env={**os.environ, **THREADS, "PYTHONPATH": path},
+            env={k: v for k, v in os.environ.items() if k not in PLACES}
+            | {**THREADS, "PYTHONPATH": path},
             close_fds=posix, pass_fds=(number,) if posix else (), start_new_session=posix,
         )  # fmt: skip
         _known.add(self._process.pid)
@@ -350,9 +360,27 @@ class Apart(Remote):
         self._process = self._folder = None
 
 
-def unread() -> None:
+def hide() -> None:
     """Let no process of the same user read this one's memory, where the word of a set is."""
     prctl(DUMPABLE, 0)
+
+
+@contextmanager
+def unread() -> Iterator[None]:
+    """Within it, no process of the same user reads this one's memory, and none its arguments: of
+    Linux alone. The arguments of what this process was started by stay."""
+    before, start, told = prctl(IS_DUMPABLE), 0, b""
+    if sys.platform == "linux":
+        place = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
+        start, end = int(place[45]), int(place[46])  # fields 48 and 49 of proc(5)
+        told = ctypes.string_at(start, end - start) if 0 < start < end else b""
+    hide()
+    ctypes.memmove(start, told.partition(b"\0")[0].ljust(len(told), b"\0"), len(told))
+    try:
+        yield
+    finally:
+        ctypes.memmove(start, told, len(told))
+        prctl(DUMPABLE, before)
 
 
 _known = set[int]()  # children of this process that no entry left behind

@@ -167,9 +167,12 @@ def draw_round(entries: Iterable[str]) -> Round:
 
 
 def read_round(path: Path) -> Round:
-    """The round of a file of ``bench draw``. Raises InvalidRequestError where it is none."""
+    """The round of a file of ``bench draw``; ``-``: of standard input. Raises InvalidRequestError
+    where it is none."""
     try:
-        return TypeAdapter(Round).validate_json(read_bytes(path, InvalidRequestError, RUN_FILE))
+        piped = sys.stdin.buffer.read(RUN_FILE) if str(path) == "-" else None
+        given = read_bytes(path, InvalidRequestError, RUN_FILE) if piped is None else piped
+        return TypeAdapter(Round).validate_json(given)
     except ValidationError as error:
         told = words(str(error))
         raise InvalidRequestError(f"{path} is no round of 'bench draw': {told}") from None

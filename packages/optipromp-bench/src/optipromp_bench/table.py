@@ -1,7 +1,5 @@
 """The leaderboard: entries by what they picked and what they harmed, with intervals and tests."""
 
-import hashlib
-import subprocess
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -11,17 +9,11 @@ from typing import Any
 
 import scipy.stats
 
-import optipromp
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import check_folder, file_name, is_there, json_text, write_atomically
 from optipromp_bench.experiments.forest import Share, Shares, forest
-from optipromp_bench.experiments.rows import Row, source_version
-from optipromp_bench.experiments.statistics import Cell, seconds_a_clean, tabled, wilson
-from optipromp_bench.results import RECORD, BenchRun, Means, recorded, submission, zip_of
-
-DIGESTS = "results.json"
-"""Name of the small file of digests, which a repository can hold while the rest is a release's."""
-SLOW = 10.0  # [s] for git to answer: a choice
+from optipromp_bench.experiments.rows import Row
+from optipromp_bench.experiments.statistics import Cell, Table, seconds_a_clean, wilson
+from optipromp_bench.results import BenchRun, Means, recorded, submission, zip_of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -168,12 +160,13 @@ def markdown(board: Leaderboard) -> str:
         torn.append([f"`{entry}`", *(s.torn for s in all_)])
     by = [f"{preset}: {engine}" for preset in run.scenes.presets for engine in engines]
     title = f"Torn or pulled too hard: `{board.order[0]}` and those beside it"
-    return "\n".join([
-        f"Set `{run.scenes.word}`, version `{run.version}`{drawn}\n",
-        tabled(f"{where}: {run.scenes.count} scenes of each preset", heads, rows),
-        tabled(f"{where}: clean, harmed by preset, %", ["entry", *by], presets),
-        tabled(title, ["entry", *(f"{engine}: torn" for engine in engines)], torn),
-    ])  # fmt: skip
+    tables = (
+        Table(f"{where}: {run.scenes.count} scenes of each preset", heads, rows),
+        Table(f"{where}: clean, harmed by preset, %", ["entry", *by], presets),
+        Table(title, ["entry", *(f"{engine}: torn" for engine in engines)], torn),
+    )
+    head = f"Set `{run.scenes.word}`, version `{run.version}`{drawn}\n"
+    return "\n".join([head, *map(str, tables)])
 
 
 def picture(board: Leaderboard) -> str:
@@ -199,64 +192,3 @@ def _time(seconds: float | None) -> str:
     if seconds is None:
         return "–"
     return f"{1e3 * seconds:.2g} ms" if seconds < 0.1 else f"{seconds:.2g} s"
-
-
-def published(results: Iterable[Path], out: Path, unverified: bool = False) -> dict[str, Any]:
-    """Gather submissions in a folder, each with its record of verification, and the table.
-
-    ``results``: folders of runs, or submissions, of one set. ``out``: the folder, which is made;
-    must be empty or new. ``unverified``: also take those that nobody verified.
-
-    Returns: The content of ``results.json``: set, round, version, commit, and of each entry its
-    files with their SHA-256.
-    """
-    paths = [zip_of(path) for path in results]
-    board = leaderboard(paths)
-    check_folder(out)
-    if is_there(out) and any(out.iterdir()):
-        raise InvalidRequestError(f"{out} holds something: name a new folder")
-    files: dict[str, bytes] = {}
-    entries: dict[str, Any] = {}
-    for path in paths:
-        run, _, _, sha256 = submission(path)
-        by, name = recorded(path, sha256, run), file_name(run.entry)
-        if by == "no" and not unverified:
-            raise InvalidRequestError(
-                f"{path} is not verified: run 'optipromp bench verify {path} --entry {run.entry}', "
-                "or give --unverified"
-            )
-        if f"{name}.zip" in files:
-            raise InvalidRequestError(f"two entries have the file name {name}.zip: rename one")
-        files[f"{name}.zip"] = path.read_bytes()
-        if by != "no":
-            files[f"{name}{RECORD}"] = path.with_suffix(RECORD).read_bytes()
-        entries[run.entry] = {"file": f"{name}.zip", "digest": run.digest, "verified": by}
-    files["leaderboard.md"] = markdown(board).encode()
-    files["leaderboard.json"] = json_text(board.to_dict()).encode()
-    run = board.run
-    common = {k: v for k, v in asdict(run).items() if k not in ("entry", "digest")}
-    document = {
-        **common, "commit": commit() if run.version == source_version() else "",
-        "order": board.order, "entries": entries,
-        "sha256": {name: hashlib.sha256(content).hexdigest() for name, content in files.items()},
-    }  # fmt: skip
-    out.mkdir(parents=True, exist_ok=True)
-    for name, content in {**files, DIGESTS: json_text(document).encode()}.items():
-        write_atomically(out / name, content)
-    return document
-
-
-def commit() -> str:
-    """The commit of the library's source, with ``+`` where it was changed since; empty outside of a
-    clone."""
-    root = Path(optipromp.__file__).resolve().parents[2]
-    if not is_there(root / ".git"):
-        return ""
-    try:
-        told = subprocess.run(
-            ["git", "-C", root, "describe", "--always", "--abbrev=40", "--dirty=+", "--exclude=*"],
-            capture_output=True, text=True, timeout=SLOW, check=True,
-        )  # fmt: skip
-    except (OSError, subprocess.SubprocessError):
-        return ""
-    return told.stdout.strip()

@@ -23,6 +23,7 @@ from optipromp import Scene
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.scenes.scene import SceneObject
 from optipromp_bench import running
+from optipromp_bench.entrant import IS_DUMPABLE, prctl
 from optipromp_bench.episode import Episode
 from optipromp_bench.experiments.eyes import aimed_at, drawn_camera
 from optipromp_bench.results import BenchRun, run_bench
@@ -79,13 +80,19 @@ def test_a_changed_judge_is_another_ones() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="Linux has prctl")
-def test_an_entry_reads_no_memory_and_leaves_no_process_behind() -> None:
-    (made,), _ = attempted(replace(TASK, entry=entry(entries.Thief)))
-    dismissed()
+def test_an_entry_reads_no_memory_and_leaves_no_process_behind(tmp_path: Path) -> None:
+    arguments = Path("/proc/self/cmdline").read_bytes()
+    run = BenchRun.of(entry(entries.Thief), "plan", SceneSet("w", ("limp",), 1))
+    (made, _) = run_bench(run, tmp_path, workers=1)
     left, told = made.cause.removeprefix("ValueError: ").split(" ", 1)
     assert "Permission denied" in told
+    first, *rest = arguments.decode().rstrip("\0").split("\0")
+    assert rest
+    assert told.endswith(f" {first}")  # no argument of ours
     with pytest.raises(ProcessLookupError):
         os.kill(int(left), 0)
+    assert prctl(IS_DUMPABLE) == 1  # a user's own process is as it was
+    assert Path("/proc/self/cmdline").read_bytes() == arguments
 
 
 def test_no_camera_tells_which_fruit_is_the_target() -> None:

@@ -18,7 +18,6 @@ from tests.bench import entrants as entries
 from tests.bench.entrants import entry
 from typer.testing import CliRunner
 
-import optipromp
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz
@@ -26,7 +25,7 @@ from optipromp_bench.experiments.rows import BENCH, locked, rows_of
 from optipromp_bench.results import BenchRun, run_bench, submission, verify
 from optipromp_bench.running import Exercise, again
 from optipromp_bench.sets import Round, SceneSet, draw_round, entry_digest, read_round
-from optipromp_bench.table import commit, leaderboard, markdown
+from optipromp_bench.table import leaderboard, markdown
 from optipromp_bench.tracks import ROW_FILE
 
 MINE = """
@@ -43,8 +42,8 @@ class Mine:
 """
 
 
-def bench(*arguments: str) -> tuple[int, str]:
-    told = CliRunner().invoke(app, ["bench", *arguments])
+def bench(*arguments: str, given: str = "") -> tuple[int, str]:
+    told = CliRunner().invoke(app, ["bench", *arguments], input=given)
     return told.exit_code, " ".join(told.output.split())
 
 
@@ -70,8 +69,9 @@ def done(place: Path) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
         assert bench("draw", "--entry", "mine:Mine", "--out", "round.json")[0] == 0
-        options = "run --entry mine:Mine --round round.json --preset limp --count 2 --workers 1"
-        code, told = bench(*options.split(), "--out", "results")
+        options = "run --entry mine:Mine --round - --preset limp --count 2 --workers 1"
+        given = Path("round.json").read_text()
+        code, told = bench(*options.split(), "--out", "results", given=given)
         assert code == 0, told
     return place / "results"
 
@@ -193,25 +193,6 @@ def posthoc(path: Path, to: Path) -> Path:
     writer.writerows(table)
     name = f"motions/{rows[0].preset}-{rows[0].seed}.npz"
     return changed(path, to, **{"rows.csv": out.getvalue().encode(), name: npz({})})
-
-
-def test_a_publication_is_verified_and_told_by_digests(done: Path, here: Path) -> None:
-    shutil.copytree(done, "results", dirs_exist_ok=True)
-    Path("results/submission.verified.json").unlink(missing_ok=True)
-    code, told = bench("publish", "results", "--out", "release")
-    assert (code, "is not verified" in told, Path("release").exists()) == (2, True, False)
-    assert bench("publish", "results", "--out", "raw", "--unverified")[0] == 0
-    assert verify(Path("results/submission.zip"), workers=1).confirmed
-    code, told = bench("publish", "results", "--out", "release")
-    assert code == 0, told
-    document = json.loads(Path("release/results.json").read_text())
-    assert set(document["sha256"]) | {"results.json"} == {p.name for p in Path("release").iterdir()}
-    assert document["entries"]["mine:Mine"]["verified"] == "motions"
-    assert document["commit"] == commit()
-    assert Path(optipromp.__file__).parents[2].joinpath(".git").exists() == bool(commit())
-    assert document["scenes"]["word"] == submission(done / "submission.zip").run.scenes.word
-    assert leaderboard([Path("release/mine_Mine.zip")]).verified == {"mine:Mine": "motions"}
-    assert bench("publish", "results", "--out", "release")[0] == 2  # not over it
 
 
 def array(shape: str) -> bytes:
@@ -367,13 +348,17 @@ def test_no_file_of_a_run_tells_the_word_before_the_end_or_takes_another_row(
     with pytest.raises(KeyboardInterrupt):
         run_bench(run, tmp_path, workers=1, progress=say)
     assert told == [False] * 3
+    assert read_round(tmp_path / "round.json") == made
     rows = (tmp_path / "rows.csv").read_text()
     (tmp_path / "rows.csv").write_text(rows.replace("missed", "clean"))
     with pytest.raises(InvalidRequestError, match="this run did not write"):
         run_bench(run, tmp_path, workers=1)
     (tmp_path / "rows.csv").write_text(rows)
-    assert [row.result for row in run_bench(run, tmp_path, workers=1)] == ["missed"] * 4
+    options = f"run --draw --entry {run.entry} --preset limp --count 2 --workers 1 --out {tmp_path}"
+    assert bench(*options.split())[0] == 0  # it goes on
+    assert [row.result for row in submission(tmp_path / "submission.zip").rows] == ["missed"] * 4
     assert made.word in (tmp_path / "run.json").read_text()
+    assert not (tmp_path / "round.json").exists()
 
 
 def test_a_submission_is_not_unpacked_to_be_read(

@@ -63,13 +63,14 @@ def quick(monkeypatch):
 
 def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     arguments = [
-        "study", "--preset", "cluster, shelf", "--planners", "straight,chomp", "--seeds", "5:8",
+        "bench", "study", "presets=cluster, shelf", "planners=straight,chomp", "seeds=5:8",
         "--workers", "1", "--out", str(tmp_path),
     ]  # fmt: skip
     result = RUN.invoke(app, arguments)
     assert result.exit_code == 0, result.output
-    assert "3 stem caught" in result.stdout
-    assert "44–100" in result.stdout  # 3 of 3
+    told = (tmp_path / "tables.md").read_text()
+    assert "3 stem caught" in told
+    assert "44–100" in told  # 3 of 3
     names = {"rows.csv", "study.json", "summary.json", "study.svg"}
     assert names <= {p.name for p in tmp_path.iterdir()}
     assert (tmp_path / "study.svg").read_text().startswith("<svg")
@@ -77,14 +78,16 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
     document = json.loads(again.stdout)
     assert document["runs"] == 12
     assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
-    assert json.loads((tmp_path / "summary.json").read_text())["cells"] == document["cells"]
+    kept = json.loads((tmp_path / "summary.json").read_text())["cells"]
+    assert [{"study": "", **cell} for cell in kept] == document["cells"]
     assert json.loads((tmp_path / "study.json").read_text())["risk"] == 0.03
-    refused = RUN.invoke(app, [*arguments, "--risk", "0.01"])
+    refused = RUN.invoke(app, [*arguments, "risk=0.01"])
     assert refused.exit_code == 2
     assert "holds rows with risk 0.03, this study has 0.01" in refused.stderr
-    assert "write them as" in RUN.invoke(app, [*arguments, "--seeds", "5"]).stderr
-    each = [*arguments[:3], "--planner", "straight", "--planner", "chomp", *arguments[5:], "--json"]
-    assert json.loads(RUN.invoke(app, each).stdout) == document
+    assert "study.0.seeds" in RUN.invoke(app, [*arguments, "seeds=5"]).stderr
+    old = RUN.invoke(app, ["study", "--preset", "cluster"])
+    assert old.exit_code == 2
+    assert "study is now: optipromp bench study presets=NAMES" in old.stderr
 
 
 def test_scenes_of_another_robot_and_a_plan_with_it(
@@ -134,7 +137,7 @@ def test_the_ten_minutes_of_add_a_robot(tmp_path: Path, monkeypatch: pytest.Monk
     section = page.read_text().split("## In ten minutes")[1].split("## ")[0]
     commands = [" ".join(words.split()) for words in re.findall(r"`optipromp ([^`]*)`", section)]
     assert [words.split()[0] for words in commands] == [
-        "check", "generate", "plan", "simulate", "study",
+        "check", "generate", "plan", "simulate", "bench",
     ]  # fmt: skip
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my-arm.urdf").write_text(six())

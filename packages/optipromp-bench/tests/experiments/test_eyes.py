@@ -26,13 +26,13 @@ SEED = 60011
 
 
 def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
-    words = ["study", "--preset", "cluster", "--eyes", "rendered", "--workers", "1", "--out",
-             str(tmp_path), "--risk", "0.1", "--seeds"]  # fmt: skip
-    first = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 1}"])
+    words = ["bench", "study", "presets=cluster", "eyes=rendered", "--workers", "1", "--out",
+             str(tmp_path), "risk=0.1"]  # fmt: skip
+    first = CliRunner().invoke(app, [*words, f"seeds={SEED}:{SEED + 1}"])
     assert first.exit_code == 0, first.output
     assert "recall" in first.stdout
     (row,) = rows_of(tmp_path)
-    done = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 2}", "--json"])
+    done = CliRunner().invoke(app, [*words, f"seeds={SEED}:{SEED + 2}", "--json"])
     assert done.exit_code == 0, done.output
     rows = rows_of(tmp_path)
     assert rows[0] == row
@@ -46,7 +46,7 @@ def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
         assert each.found is not None
         assert each.pictures is not None
         assert 1 <= each.found <= each.visible <= each.pictures * (each.pushables + 1)
-    other = CliRunner().invoke(app, [*words, f"{SEED}:{SEED + 1}", "--finder", "network"])
+    other = CliRunner().invoke(app, [*words, f"seeds={SEED}:{SEED + 1}", "finder=network"])
     assert other.exit_code == 2
     assert "finder" in other.output
 

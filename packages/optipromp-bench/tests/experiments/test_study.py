@@ -306,8 +306,8 @@ def test_a_real_run_is_the_same_in_another_process(tmp_path: Path) -> None:
 def test_ctrl_c_leaves_whole_rows_and_no_process(tmp_path: Path) -> None:
     pytest.importorskip("mujoco")
     command = [
-        sys.executable, "-m", "optipromp", "study", "--preset", "cluster", "--planners", "straight",
-        "--seeds", "0:400", "--workers", "2", "--out", str(tmp_path),
+        sys.executable, "-m", "optipromp", "bench", "study", "presets=cluster", "planners=straight",
+        "seeds=0:400", "--workers", "2", "--out", str(tmp_path),
     ]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, start_new_session=True)
     rows = tmp_path / "rows.csv"

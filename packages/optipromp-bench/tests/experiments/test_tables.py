@@ -7,22 +7,21 @@ from scripts import publish
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
-from optipromp_bench.experiments import tables
-from optipromp_bench.experiments.rows import STUDY, Row, lines_of
+from optipromp_bench.experiments.rows import Row
+from optipromp_bench.experiments.tables import studies_of, tables_of
 
 
-def found(folder: Path, text: str) -> list[list[list[str]]]:
+def found(folder: Path) -> list[list[list[str]]]:
     """The rows of the tables, as they are published."""
-    (folder / "1.out").write_text(text)
     return [table["rows"] for table in publish.tables_in(folder).values()]
 
 
-def rows_in(folder: Path, rows: list[Row]) -> None:
-    folder.mkdir(parents=True)
-    (folder / "rows.csv").write_bytes(lines_of(rows, STUDY, header=True))
+def told(**rows: list[Row]) -> list[list[list[str]]]:
+    """The rows of the tables of some studies."""
+    return [[[str(cell) for cell in line] for line in each.lines] for each in tables_of(rows)]
 
 
-def test_plans_are_told_by_part_and_by_preset(tmp_path: Path) -> None:
+def test_plans_are_told_by_part_and_by_preset() -> None:
     rows = [
         Row(
             preset, seed, planner="opti-promp", plan_status="success", success=seed > 0,
@@ -32,18 +31,18 @@ def test_plans_are_told_by_part_and_by_preset(tmp_path: Path) -> None:
         for preset, count in (("cluster", 10), ("mixed", 5))
         for seed in range(count)
     ]  # fmt: skip
-    rows_in(tmp_path / "hanging", rows)
-    (line,), presets, bins = found(tmp_path, tables.plans(tmp_path, ["hanging"]))
+    (line,), presets, bins = told(hanging=rows)
     assert line[1:4] == ["15", "86.7 (62–96)", "13.3 (4–38)"]
     assert line[-1] == "30 ms / 30 ms"
     assert presets[0][:5] == ["`cluster`", "exactly", "9 of 10", "90.0 (60–98)", "1 of 10"]
     assert bins == [["hanging", "1 to 2 %", "15", "1.5", "13.3 (4–38)"]]
 
 
-def test_loops_are_told_by_condition_by_preset_and_in_pairs(tmp_path: Path) -> None:
+def test_loops_are_told_by_condition_by_preset_and_in_pairs() -> None:
+    studies = dict[str, list[Row]]()
     ends = {"open": ("clean", "harmed", "missed"), "closed": ("clean", "clean", "gave_up")}
     for part, results in ends.items():
-        rows = [
+        studies[part] = [
             Row(
                 preset, seed, planner="opti-promp", loop=part, condition=condition, result=result,
                 success=result == "clean", plan_status="success", duration=5.0,
@@ -53,15 +52,13 @@ def test_loops_are_told_by_condition_by_preset_and_in_pairs(tmp_path: Path) -> N
             for preset in ("cluster", "mixed")
             for seed, result in enumerate(results if condition == "none" else results[:2])
         ]  # fmt: skip
-        rows_in(tmp_path / part, rows)
-    by, presets, pairs = found(tmp_path, tables.loops(tmp_path, ["open", "closed"]))
+    by, presets, pairs = told(**studies)
     assert by[1][:8] == ["`none`", "closed", "6", "67 (30–90)", "0 (0–39)", "2", "0", "0"]
     assert presets[0] == ["`cluster`", "open", "5", "40.0", "40.0", "0", "1", "0"]
     assert pairs[0] == ["`none`", "clean", "6", "0", "2", "0.500"]
 
 
 FILE = """
-table = "plans"
 [[study]]
 name = "near"
 presets = ["cluster"]
@@ -84,18 +81,20 @@ def ran(tmp_path: Path, text: str) -> tuple[int, str]:
 
 
 def test_the_studies_of_a_file_run_and_go_on_and_are_told(tmp_path: Path) -> None:
-    code, told = ran(tmp_path, FILE)
-    assert code == 0
-    overview, presets, _ = found(tmp_path, told)
+    assert ran(tmp_path, FILE)[0] == 0
+    overview, presets, _ = found(tmp_path / "out")
     assert [line[:2] for line in overview] == [["near", "1"], ["noisy", "2"]]
     assert [line[0] for line in presets] == ["`cluster`", "`cluster`", "`mixed`"]
     rows = {part: (tmp_path / "out" / part / "rows.csv").read_bytes() for part in ("near", "noisy")}
-    assert ran(tmp_path, FILE) == (0, told)
+    kept = (tmp_path / "out" / "tables.md").read_bytes()
+    assert ran(tmp_path, FILE)[0] == 0
+    assert (tmp_path / "out" / "tables.md").read_bytes() == kept
     assert rows == {part: (tmp_path / "out" / part / "rows.csv").read_bytes() for part in rows}
 
 
 KIND = """
 from dataclasses import dataclass
+from optipromp_bench.experiments.statistics import Table
 @dataclass(frozen=True)
 class Doubles:
     def asks(self):
@@ -104,7 +103,8 @@ class Doubles:
         return {"result": str(2 * ask["seed"])}
     @staticmethod
     def told(parts):
-        return " ".join(row["result"] for row in parts["two"])
+        rows = [[row["seed"], row["result"]] for row in parts["two"]]
+        return [Table("Doubles", ["seed", "twice"], rows)]
 """
 
 
@@ -114,7 +114,8 @@ def test_a_kind_of_its_own_goes_on_after_a_line_that_was_cut_short(tmp_path, mon
     rows = tmp_path / "out" / "two" / "rows.jsonl"
     file = 'table = "doubles:Doubles"\n[[study]]\nname = "two"'
     for _ in range(2):
-        assert ran(tmp_path, file) == (0, "0 2 4\n")
+        assert ran(tmp_path, file)[0] == 0
+        assert found(tmp_path / "out") == [[["0", "0"], ["1", "2"], ["2", "4"]]]
         assert rows.read_bytes().count(b"\n") == 3
         rows.write_bytes(rows.read_bytes()[:-5])
 
@@ -122,12 +123,11 @@ def test_a_kind_of_its_own_goes_on_after_a_line_that_was_cut_short(tmp_path, mon
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ('"plans"', '"both"', "table is 'both'"),
-        ("noise =", "nose =", "study.1.nose: Extra inputs are not permitted"),
+        ("[[", 'table = "both"\n[[', "table is 'both'"),
+        ("noise =", "nose =", "study.1.nose: no such field: valid are presets"),
         ("[0, 1]", "[0]", "study.0.seeds.1: Field required"),
         ('"near"', '"../x"', "study.0.name: String should match pattern"),
-        ('"near"', '"noisy"', "two studies have one name"),
-        ('"plans"', '"loops"', "of two studies, of one loop each"),
+        ('"near"', '"noisy"', "two studies are noisy"),
         ('"mixed"', '"mixd"', "preset is 'mixd'"),
         ("[[study]]", "[[study]", "is no TOML"),
     ],
@@ -140,5 +140,5 @@ def test_a_file_that_is_none_is_refused(tmp_path: Path, old: str, new: str, word
 
 def test_published_studies_can_be_read() -> None:
     files = sorted((Path(__file__).parents[4] / "scripts/studies").glob("*.toml"))
-    kinds = [tables.studies_in(file)[0] for file in files]
-    assert {"plans", "loops", "scripts.studies.guard:Guards"} <= set(kinds)
+    kinds = [studies_of([str(file)])[0].__name__ for file in files]
+    assert {"Study", "Guards"} <= set(kinds)

@@ -126,9 +126,9 @@ def test_the_report_of_a_study_has_rates_causes_and_worst_cases(studied: Path) -
     found = Read(content)
     assert len(content) < LARGEST_FILE
     assert all(address.startswith("data:image/") for address in found.addresses)
-    for words in ("Study of 4 runs", "Wilson's interval", "Worst cases", "--seeds 7:9", "promp"):
+    for words in ("Study of 4 runs", "promised and picked", "Worst cases", "seeds=7:9", "promp"):
         assert words in found.text
-    assert "--risk" not in found.text
+    assert "risk=" not in found.text
     assert len(said) == 1
     assert said[0].startswith("drawing cluster, seed ")
 
@@ -137,7 +137,7 @@ def test_the_report_of_a_study_tells_its_risk(studied: Path, tmp_path: Path) -> 
     (tmp_path / "rows.csv").write_bytes((studied / "rows.csv").read_bytes())
     settings = json.loads((studied / "study.json").read_text())
     (tmp_path / "study.json").write_text(json.dumps({**settings, "risk": 0.01}))
-    assert "--risk 0.01" in Read(study_report(tmp_path, worst=0)).text
+    assert "risk=0.01" in Read(study_report(tmp_path, worst=0)).text
     (tmp_path / "study.json").write_text(json.dumps({**settings, "risk": "little"}))
     with pytest.raises(InvalidRequestError, match="risk is 'little'"):
         study_report(tmp_path, worst=0)

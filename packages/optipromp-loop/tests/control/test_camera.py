@@ -24,8 +24,8 @@ from optipromp_loop.control import Look, Tracker, TrackerParameters
 from optipromp_loop.control.belief import visible
 from optipromp_loop.control.camera import CameraWatch, fitted
 from optipromp_loop.control.controller import Controller
-from optipromp_loop.control.driver import mouth_balls
 from optipromp_loop.control.parameters import CONTROL
+from optipromp_loop.control.plant import mouth_balls
 from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation.detector import DETECTORS, Detector, Eye, Truth

@@ -21,8 +21,9 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.control import picks as module
 from optipromp_loop.control.controller import Controller
-from optipromp_loop.control.driver import views, without_fruits
+from optipromp_loop.control.driver import views
 from optipromp_loop.control.parameters import CONTROL
+from optipromp_loop.control.plant import without_fruits
 from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.situations import executed

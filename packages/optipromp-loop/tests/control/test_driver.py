@@ -13,7 +13,8 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control import Tracker
-from optipromp_loop.control.driver import Displacement, Driver, Route, follow, path_back
+from optipromp_loop.control.courses import Displacement, Route, follow, path_back
+from optipromp_loop.control.driver import Driver
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.picks import to_camera_point
 from optipromp_loop.control.tracker import Tracked

@@ -9,13 +9,11 @@ from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import plan
 from optipromp.core.scenes import Pose, Scene, SceneObject, Stem, ToolSpec
 from optipromp_loop.control import Look, Tracker
-from optipromp_loop.control.driver import (
-    MOVED,
-    Route,
+from optipromp_loop.control.courses import MOVED, Route, pushed_by
+from optipromp_loop.control.plant import (
     appeared,
     displaced,
     moved_by,
-    pushed_by,
     target_row,
     tracked_scene,
     unseen,

@@ -15,7 +15,7 @@ from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning import plan
 from optipromp.core.trajectory import State
-from optipromp_loop.control.driver import Course, Displacement, Route, follow
+from optipromp_loop.control.courses import Course, Displacement, Route, follow
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_sim.generate import generate
 from optipromp_sim.situations import cut

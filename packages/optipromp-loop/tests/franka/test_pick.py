@@ -18,8 +18,10 @@ from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import DETECTORS, Detector, Eye, Simulation
-from optipromp_sim.simulation.detector import Truth
+from optipromp_sim.simulation.execute import Controlled
 from optipromp_sim.simulation.outcome import Outcome
+from optipromp_sim.simulation.parameters import EngineParameters
+from optipromp_sim.simulation.rollouts import Pick
 
 pytest.importorskip("franky", exc_type=ImportError)
 pytest.importorskip("franky_sim", exc_type=ImportError)
@@ -41,33 +43,28 @@ class Source:
 
     def __init__(self, scene: Scene, seed: int) -> None:
         self.controller = Controller(scene)
-        self.simulation = Simulation(scene, seed)
-        self.eye = Eye(Detector(scene, self.controller.robot, DETECTORS["zero-mean"], seed))
-        self.before = self.simulation.state()
-        for _ in range(round(self.simulation.parameters.engine.settle / self.simulation.tick)):
-            self.simulation.step(State(self.before.q))
-        self.began, self.apart = self.simulation.time, 0.0
+        eye = Eye(Detector(scene, self.controller.robot, DETECTORS["zero-mean"], seed))
+        self.pick: Pick[Outcome] = Pick(Simulation(scene, seed), eye, EngineParameters().settle)
+        self.agent, self.before, self.apart = Controlled(self.controller), self.pick.state, 0.0
 
     def __call__(self, now: float, measured: State, reference: State) -> Stretch | None:
-        simulation, controller, before = self.simulation, self.controller, self.before
-        count = round((self.began + now - simulation.time) / simulation.tick)
-        for share in np.arange(1, count + 1) / max(count, 1):
-            q = before.q + share * (measured.q - before.q)
-            velocity = before.velocity + share * (measured.velocity - before.velocity)
-            state = simulation.step(State(q, velocity))
-            self.apart = max(self.apart, float(np.abs(state.q - q).max()))
-        self.before, fruits = measured, simulation.fruits()
-        truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-        self.eye.see(now, measured.q, truth)
-        for look in self.eye.delivered(now):
-            controller.see(look)
-        stretch = controller(now, measured, reference)
-        if controller.holding:
-            simulation.close()
-        return stretch
+        pick, before = self.pick, self.before
+        count = round((now - pick.time) / pick.arena.tick)
+        if count:
+            pick.lead([
+                State(
+                    before.q + share * (measured.q - before.q),
+                    before.velocity + share * (measured.velocity - before.velocity),
+                )
+                for share in np.arange(1, count + 1) / count
+            ])  # fmt: skip
+        self.apart = max(self.apart, float(np.abs(pick.state.q - measured.q).max()))
+        self.before = measured
+        stretch = self.agent.asked(pick, measured, reference)
+        return stretch and Stretch(stretch.curve, stretch.begins - pick.began)
 
 
-class Pick(NamedTuple):
+class Picked(NamedTuple):
     """What was executed, what became of the fruits, the reflexes, and the source."""
 
     executed: Executed
@@ -76,7 +73,7 @@ class Pick(NamedTuple):
     source: Source
 
 
-def pick(seed: int) -> Pick:
+def pick(seed: int) -> Picked:
     """A pick of a generated cluster."""
     scene = generate("cluster", seed)
     source = Source(scene, seed)
@@ -85,7 +82,7 @@ def pick(seed: int) -> Pick:
         PacedLoop(HOST, source.controller.robot) as arm,
     ):
         done = arm.follow(source, period=source.controller.parameters.period)
-    return Pick(done, source.simulation.outcome(), reflexes, source)
+    return Picked(done, source.pick.judged(), reflexes, source)
 
 
 def test_a_fruit_is_picked_by_what_the_camera_sees() -> None:

@@ -24,8 +24,11 @@ from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Role, Scene
 from optipromp.core.trajectory import State, Trajectory
+from optipromp_loop.control.plant import first_tracks
+from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.guard import Guard, GuardParameters, Safe, joints_for
 from optipromp_loop.guard.motion import Change, fastest, later, nearest, stopping
+from optipromp_loop.guard.plant import seen_scene, stays, unchanged
 from optipromp_sim.generate import generate
 
 PERIOD = GuardParameters.period
@@ -421,6 +424,27 @@ def test_looks_move_the_fruits_that_the_guard_knows(cluster: Scene) -> None:
     assert guard.scene.target is not None
     assert cluster.target is not None
     assert guard.scene.target.position - cluster.target.position == pytest.approx(by, abs=0.005)
+
+
+@pytest.mark.parametrize(("by", "same"), [(1e-3, True), (2e-2, False)])
+def test_objects_of_a_look_are_made_where_something_changed(
+    cluster: Scene, by: float, same: bool
+) -> None:
+    """What is told without the objects is what the objects tell."""
+    tracker = Tracker(cluster, first=first_tracks(cluster, 0.003))
+    moved = [item.shifted(np.array([0.0, by, 0.0])) for item in cluster.objects]
+    for k in range(30):
+        tracker.add(shown(0.1 * k, *moved))
+    seen, most = tracker.at(3.0), GuardParameters().changed
+    assert unchanged(cluster, cluster, seen, most, frozenset()) == same
+    before = {item.id: item for item in cluster.objects}
+    made = seen_scene(cluster, cluster, seen, most).objects
+    assert all(stays(item, before[item.id], most) for item in made) == same
+    fewer = replace(
+        cluster, objects=(*cluster.objects, replace(made[0], id="new", role="pushable"))
+    )
+    assert not unchanged(cluster, fewer, seen, most, frozenset())
+    assert unchanged(cluster, fewer, seen, most, frozenset({"new"})) == same
 
 
 def test_a_target_that_no_look_shows_stays_and_the_rest_is_seen(cluster: Scene) -> None:

@@ -15,7 +15,7 @@ from optipromp.core.geometry import distances
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.parameters import FOLLOW
-from optipromp.core.planning.primitive import learnt
+from optipromp.core.planning.primitive import is_learnt, learnt
 from optipromp.core.promp.conditioning import condition
 from optipromp.core.promp.model import ProMP
 from optipromp.core.promp.tasks import JointPoint, TaskPoint
@@ -73,11 +73,11 @@ def bundle(promp: ProMP, robot: Robot, middle: FloatArray | None = None) -> Bund
 
 
 def initial_bundle(plan: Plan, demonstrations: Any = None) -> Bundle | None:
-    """The conditioned primitive of a plan; None where nothing moves or it cannot be conditioned. As
-    in the plan, it is conditioned on the start, the goal, and tool points: the via points, or
-    stations on the tool path."""
+    """The conditioned primitive of a plan; None where nothing was learnt, nothing moves or nothing
+    can be conditioned. As in the plan, it is conditioned on the start, the goal, and tool points:
+    the via points, or stations on the tool path."""
     q = plan.initial.positions
-    if (q == q[0]).all():
+    if (q == q[0]).all() or not is_learnt(plan.robot, demonstrations):
         return None
     phases, tool = np.linspace(0.0, 1.0, len(q)), plan.robot.tool_pose(q)[0]
     wanted = np.linspace(plan.first, len(q) - 1, FOLLOW.stations)[1:-1].round().astype(int)

@@ -18,6 +18,7 @@ from optipromp.core.errors import InvalidRequestError, OptiPrompError, is_name
 from optipromp.core.files import check_folder, file_name
 from optipromp.core.planning import Picked, Plan, planner_names
 from optipromp.core.planning.legs import legs_of
+from optipromp.core.planning.primitive import is_learnt
 from optipromp.core.planning.task import posed
 from optipromp.core.promp import Basis, fit
 from optipromp.core.promp.demonstrations import save_demonstrations
@@ -144,7 +145,10 @@ class Panel(Listener):
         if runs:
             entries += tabs.replayed(looks=any(run.record is not None for run in runs))
         elif window.shown is not None and window.shown.scene is window.scene:
-            entries += tabs.planned(window.shown.made, list(filter(window.stage.visible, LAYERS)))
+            layers = set(filter(window.stage.visible, LAYERS))
+            if not is_learnt(window.shown.plan.robot, window.asked.demonstrations):
+                layers.discard("initial bundle")
+            entries += tabs.planned(window.shown.made, layers)
         self.legend.content = tabs.legend(entries)
         for name in PLANNED:
             self.layers[name].disabled = bool(runs)

@@ -100,7 +100,7 @@ ROLES = {
 }
 MOST = 3  # colours of one role
 _LINES = {
-    "conditioned ProMP": "learnt motion",
+    "conditioned ProMP": "movement primitive",
     "followed path": "way past the fruits",
     "optimised": "tool path",
 }

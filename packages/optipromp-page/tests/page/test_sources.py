@@ -6,6 +6,7 @@ import subprocess
 import sys
 import urllib.error
 import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,11 @@ def test_the_bundle_ends_where_the_plan_does(made) -> None:
     off = np.linalg.norm(ring - found.mean[:, None], axis=2)
     assert np.allclose(off, np.maximum(found.radius, 1e-5)[:, None])
     assert faces.max() == len(corners) - 1
+
+
+def test_an_arm_without_demonstrations_has_no_bundle(made) -> None:
+    own = replace(made.robot, joint_names=tuple("abcdefg"))
+    assert content.initial_bundle(replace(made, task=replace(made.task, robot=own))) is None
 
 
 def test_candidates_are_those_of_the_plans_own_search(made) -> None:

@@ -29,7 +29,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_eyes.watcher import Watcher
 from optipromp_loop.control.controller import Controller
-from optipromp_loop.control.driver import without_fruits
+from optipromp_loop.control.plant import without_fruits
 from optipromp_loop.control.stages import LoopStage
 from optipromp_ros import live, trajectories
 from optipromp_ros.frames import Frames, known_frames, link_prefix

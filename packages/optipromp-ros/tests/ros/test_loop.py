@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.ros.camera_messages import frames, header, sent
+from tests.ros.curves import Curves
 from tests.ros.looks import EPOCH, SIGMA, array, array_of, seen
 
 from optipromp.core.arrays import frame_along
@@ -32,7 +33,8 @@ from optipromp_ros import (
 from optipromp_ros.scenes import xyz
 from optipromp_ros.trajectories import nanoseconds
 from optipromp_sim.generate import generate
-from optipromp_sim.simulation.detector import Truth
+from optipromp_sim.simulation import DETECTORS, Detector, Eye, Simulation
+from optipromp_sim.simulation.rollouts import Pick, rollout
 
 SCENE = load_scene("scenario-3")
 ROBOT, START = posed(SCENE)
@@ -58,91 +60,80 @@ def felt(pose, wrench, stamp):
     return message("geometry_msgs/msg/WrenchStamped", header=header(stamp, "camera"), wrench=wrench)
 
 
-@dataclass
-class Told:
-    """A pick by messages: the loop, the outcome, and the jumps of the reference [rad]."""
-
-    loop: PickLoop
-    outcome: Any
-    begun: float = 0.0  # when the first curve took over [s]
-    joins: list[float] = field(default_factory=list)
-    away: list[float] = field(default_factory=list)  # begins of curves from the measured arm [rad]
-    said: list[tuple[float, int, str]] = field(default_factory=list)  # time [s], level, message
-    speeds: list[tuple[float, float]] = field(default_factory=list)  # of the reference [rad/s]
-
-
 SET = 0.4  # [s] after the arm began to move, in travel
 
 
-def by_messages(
-    shift: float = 0.0, steady: bool = False, silent: Callable[[float], bool] = lambda _: False
-) -> Told:
-    """A pick by messages alone, against the simulation.
+@dataclass
+class Told:
+    """A pick by messages alone: the loop as an agent of ``rollout``, and what it said.
 
     ``shift``: by which the clock of all stamps is set, 0.4 s after the arm began to move [s];
     ``steady``: whether the loop has another clock; ``silent``: whether no state comes, so long
     after the arm began to move [s].
     """
-    simulation_of = pytest.importorskip("optipromp_sim.simulation")
+
+    loop: PickLoop
+    curves: Curves
+    camera: Pose  # in the frame of the tool
+    shift: float = 0.0
+    steady: bool = False
+    silent: Callable[[float], bool] = lambda _: False
+    outcome: Any = None
+    begun: float = 0.0  # when the first curve took over [s]
+    away: list[float] = field(default_factory=list)  # begins of curves from the measured arm [rad]
+    said: list[tuple[float, int, str]] = field(default_factory=list)  # time [s], level, message
+    speeds: list[tuple[float, float]] = field(default_factory=list)  # of the reference [rad/s]
+
+    @property
+    def joins(self) -> list[float]:
+        """The jumps of the reference [rad]."""
+        return [np.abs(after.q - before.q).max() for before, after in self.curves.joins]
+
+    def __call__(self, pick: Pick[Any]) -> list[State] | None:
+        """The references of a cycle; see :class:`optipromp_sim.simulation.rollouts.Agent`."""
+        loop, now, state = self.loop, pick.arena.time, pick.state
+        since = now - self.begun if self.begun else 0.0
+        was = EPOCH + (round(self.shift * 1e9) if since > SET else 0)  # the stamp of time 0
+        stamp = was + round(now * 1e9)
+        if not self.silent(since):
+            loop.heard(sent(joints(state, stamp)))
+            sensor = tool_frame(loop.controller.robot, state.q) @ self.camera
+            loop.heard(sent(felt(sensor, pick.arena.wrench(), stamp)))
+        for look in pick.looks:
+            with suppress(InvalidRequestError):  # where the arm was is unknown
+                loop.heard(sent(array_of(look, was + round(look.time * 1e9))))
+        curve = loop.tick(stamp, EPOCH + round(now * 1e9) if self.steady else None)
+        status = loop.status()
+        shut = {one.key: one.value for one in status.values}["gripper"] == "close"
+        if shut and pick.taken is None and pick.arena.scene.target.id in pick.arena.held():
+            pick.take()
+        self.said.append((now, int(status.level), status.message))
+        if curve is not None:
+            assert curve.joint_names == NAMES
+            motion = self.curves.heard(sent(curve), was)
+            self.away.append(np.abs(motion.positions[0] - state.q).max())
+        if now > 30.0 or (loop.ended and self.curves.ended(now)):
+            return None
+        turn = [self.curves.at(now + k * pick.arena.tick) for k in range(pick.ticks)]
+        self.begun = self.begun or (self.curves.runs[1] if self.curves.runs else 0.0)
+        self.speeds.append((now, float(np.abs(turn[-1].velocity).max())))
+        return turn
+
+
+def by_messages(shift: float = 0.0, steady: bool = False, **silent: Any) -> Told:
+    """A pick by messages alone, against the simulation; see :class:`Told`."""
     scene = generate("cluster", 3)
     robot, start = posed(scene)
-    try:
-        simulation = simulation_of.Simulation(scene)
-    except InvalidRequestError as error:
-        pytest.skip(error.message)
-
-    eye = simulation_of.Eye(
-        simulation_of.Detector(scene, robot, simulation_of.DETECTORS["zero-mean"], 0)
-    )
+    eye = Eye(Detector(scene, robot, DETECTORS["zero-mean"], 0))
     parameters = replace(CLASSES, view=eye.detector.view, stem_length=0.2)
     feels = replace(CONTROL, weight_error=0.05)  # [N] of a sensor in the wrist
     # not in real time: the same on any machine
     controller = Controller(without_fruits(scene), parameters=feels)
     loop = PickLoop(scene, parameters=parameters, controller=controller, prefix="fr3_")
-    camera = eye.detector.camera(start.q)
-    tool = tool_frame(robot, start.q)
-    loop.heard(sent(frames(0, ("tool", "camera", tool.inverse() @ camera))))
-    state, runs, begins, was = simulation.state(), None, 0.0, EPOCH
-    coming, done = [], Told(loop, None)
-    for _ in range(1500):
-        now = simulation.time
-        ticks = EPOCH + round(now * 1e9)
-        since = now - done.begun if done.begun else 0.0
-        was = EPOCH + (round(shift * 1e9) if since > SET else 0)  # the stamp of time 0
-        if not silent(since):
-            loop.heard(sent(joints(state, was + round(now * 1e9))))
-            sensor = tool_frame(robot, state.q) @ tool.inverse() @ camera
-            loop.heard(sent(felt(sensor, simulation.wrench(), was + round(now * 1e9))))
-        f = simulation.fruits()
-        eye.see(now, state.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
-        for look in eye.delivered(now):
-            with suppress(InvalidRequestError):  # where the arm was is unknown
-                loop.heard(sent(array_of(look, was + round(look.time * 1e9))))
-        curve = loop.tick(was + round(now * 1e9), ticks if steady else None)
-        status = loop.status()
-        if {one.key: one.value for one in status.values}["gripper"] == "close":
-            simulation.close()
-        done.said.append((now, int(status.level), status.message))
-        if curve is not None:
-            assert curve.joint_names == NAMES
-            (motion,) = read_trajectories(sent(curve), robot.joint_names)
-            coming.append((motion, (nanoseconds(curve.header.stamp) - was) / 1e9))
-            done.away.append(np.abs(motion.positions[0] - state.q).max())
-        if loop.ended and runs is not None and now > begins + runs.duration:
-            break
-        for _ in range(round(0.02 / simulation.tick)):
-            at = simulation.time
-            if coming and coming[0][1] <= at + 1e-9:
-                before = None if runs is None else runs.at(coming[0][1] - begins)
-                runs, begins = coming.pop(0)
-                if before is not None:
-                    done.joins.append(np.abs(runs.at(0.0).q - before.q).max())
-                done.begun = done.begun or at
-            reference = State(start.q) if runs is None else runs.at(at - begins)
-            simulation.step(reference)
-            state = simulation.state()
-        done.speeds.append((now, float(np.abs(reference.velocity).max())))
-    done.outcome = simulation.outcome()
+    camera = tool_frame(robot, start.q).inverse() @ eye.detector.camera(start.q)
+    loop.heard(sent(frames(0, ("tool", "camera", camera))))
+    done = Told(loop, Curves(robot.joint_names, start), camera, shift, steady, **silent)
+    done.outcome = rollout(done, Pick(Simulation(scene), eye))
     return done
 
 

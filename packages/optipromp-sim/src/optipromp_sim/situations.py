@@ -1,8 +1,8 @@
 """Situations of a trial: what differs from what is planned for, by name; picks in them.
 
-Conditions (``optipromp study --conditions``, a table of them is in docs/closed-loop.md) say what
-moves, and what is seen wrongly. Variations (``optipromp study --vary``) execute one plan in other
-worlds; their ranges are those in which the guesses of the push models may be wrong.
+Conditions (``conditions`` of ``optipromp bench study``; a table is in docs/closed-loop.md) say what
+moves, and what is seen wrongly. Variations (its ``vary``) execute one plan in other worlds; their
+ranges are those in which the guesses of the push models may be wrong.
 
 Plants that sway are first seen at once, where the fruits are at that moment; the arm stands still
 until then (``engine.settle``). A miscalibrated camera has seen the fruits at first, too. Looks have

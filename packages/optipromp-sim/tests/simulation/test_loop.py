@@ -11,7 +11,6 @@ from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.stages import LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import Detector, Eye, Loop, SimulatedArm
-from optipromp_sim.simulation.detector import Truth
 from optipromp_sim.situations import CONDITIONS, Situation, executed, picked
 
 
@@ -123,8 +122,7 @@ def test_an_executor_follows_the_controller() -> None:
     eye = Eye(Detector(given.scene, arm.robot, given.detector, 101))
 
     def source(now: float, measured: State, reference: State) -> Stretch | None:
-        f = arm.simulation.fruits()
-        eye.see(now, measured.q, Truth(f.ids, f.positions, f.rotations, f.stem_ends))
+        eye.see(now, measured.q, arm.simulation.fruits())
         for look in eye.delivered(now):
             controller.see(look)
         if controller.holding:

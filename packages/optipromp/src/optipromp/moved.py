@@ -21,7 +21,7 @@ NOW = {
     "cli.ros_node": "%_ros.commands.ros_node",
     "cli.view": "%_page.commands.view",
     "cli.scenarios": "%_paper.commands.scenarios",
-    "cli.study": "%_bench.commands.study",
+    "cli.study": "%_bench.commands.bench",
     "cli.bench": "%_bench.commands.bench",
     "cli.episodes": "%_bench.commands.episodes",
     "core.scenes.values": "%.core.scenes.pose",

@@ -236,7 +236,7 @@ ARM = ["--robot", "arm.urdf"]
         ["export", "s.json", "--mcap", LONG], ["learn", LONG, "--out", "learnt.npz"],
         ["generate", "--preset", "cluster", "--robot", LONG + ".urdf", "--out", "g"],
         ["generate", "--preset", "cluster", "--out", LONG],
-        ["study", "--preset", "cluster", "--seeds", "0:1", "--out", LONG],
+        ["bench", "study", "presets=cluster", "seeds=0:1", "--out", LONG],
     ],
     ids=lambda command: " ".join(part[:12] for part in command),
 )  # fmt: skip

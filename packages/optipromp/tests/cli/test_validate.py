@@ -163,13 +163,17 @@ def test_a_trajectory_without_names_is_told_so(good: Trajectory, tmp_path: Path)
     assert (code, "joint_names is empty" in stderr) == (2, True)
 
 
-def test_check_tells_of_a_start_below_the_floor(tmp_path: Path) -> None:
+def test_check_tells_of_a_start_below_the_floor_and_offers_one(tmp_path: Path) -> None:
     scene = load_scene("scenario-3")
     low = replace(scene, start=np.array([0.0, 1.2, 0.0, -1.2, 0.0, 2.9, 0.8]))
     for name, one, said in (("usual", scene, False), ("low", low, True)):
         save_scene(one, tmp_path / f"{name}.yaml")
-        _, _, stderr = call("check", str(tmp_path / f"{name}.yaml"))
+        _, stdout, stderr = call("check", str(tmp_path / f"{name}.yaml"))
         assert ("below the floor" in stderr) is said
+        offered = re.search(r"start offered +(.*)", stdout)
+        assert bool(offered) is said
+    start = np.array([float(value) for value in offered[1].split(",")])
+    assert plan(replace(scene, start=start)).success
 
 
 def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(tmp_path):

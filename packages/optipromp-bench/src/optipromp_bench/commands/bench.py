@@ -8,10 +8,13 @@ import typer
 
 from optipromp.cli.command import FAILED, OK, Report, Shown, command
 from optipromp.cli.console import Cluster, Workers, grid, progress_bar, say_if_compiling
+from optipromp.cli.robot import ArmOptions, Whose
 from optipromp.core.errors import InvalidRequestError, suggest
 from optipromp.core.files import is_there, json_text, write_atomically
 
 if TYPE_CHECKING:
+    from rich.table import Table as Rich
+
     from optipromp_bench.experiments.rows import Row
     from optipromp_bench.table import Leaderboard
 
@@ -56,15 +59,16 @@ def run(
         out (DIR): Of the results; goes on where it was.
         track (NAME): plan, policy or picture; see 'bench list'.
         scenes (--set WORD): development, or a word that draws a test set.
-        draw: A round of this entry alone: its digest, then a word.
-        round_ (--round FILE): Of 'bench draw': its word, its entries.
+        draw: A round of this entry alone: its digest, then a word. One that was cut short goes on.
+        round_ (--round FILE): Of 'bench draw': its word, its entries. -: of standard input, so that
+            the file may lie where the entry cannot read it.
         preset (NAMES): Presets, separated by commas.
         count: Scenes of each preset.
         condition (NAME): What moves and is seen wrongly.
-        variation (NAME): Of the physics; see 'study --vary'.
+        variation (NAME): Of the physics; see 'bench study'.
     """
     from optipromp_bench.entries import ENTRIES
-    from optipromp_bench.results import BenchRun, run_bench
+    from optipromp_bench.results import LEFT, BenchRun, run_bench
     from optipromp_bench.sets import SceneSet, draw_round, read_round
     from optipromp_bench.tracks import TRACKS
 
@@ -73,7 +77,9 @@ def run(
         raise InvalidRequestError(f"track is {asked!r}: {suggest(asked, TRACKS)}")
     if draw + (round_ is not None) + (scenes != "development") > 1:
         raise InvalidRequestError("--set, --draw and --round name three sets: give one of them")
-    drawn = draw_round([entry]) if draw else None if round_ is None else read_round(round_)
+    if draw and is_there(out / LEFT):  # it was cut short
+        round_ = out / LEFT
+    drawn = read_round(round_) if round_ is not None else draw_round([entry]) if draw else None
     word = scenes if drawn is None else drawn.word
     chosen = SceneSet(word, tuple(filter(None, preset.split(","))), count)
     made = BenchRun.of(entry, asked, chosen, condition, variation, drawn)
@@ -98,7 +104,7 @@ def verify(
     and errors must come again. Without it, the motions in the file are executed:
     they do what the rows say, but whether the entry made them is not known, and
     a refusal has no motion. A success leaves a record beside the zip, which
-    'bench table' and 'bench publish' read. The exit code is 1 where a row
+    'bench table' reads. The exit code is 1 where a row
     differs or is not confirmed.
 
     Examples:
@@ -188,61 +194,88 @@ def table(results: list[Path], /, out: Path | None = None, plot: Path | None = N
     return Report(board.to_dict(), _shown(board, " ".join(f"wrote {file}" for file in files)))
 
 
-@bench.command("publish")
-@command()
-def publish(results: list[Path], /, out: Path, unverified: bool = False) -> Report:
-    """Gather submissions, what verified them, the table and the digests of all.
-
-    DIR/results.json is small and names version, commit, set and the SHA-256 of
-    every file: it can stand in a repository while the rest is a release's.
-
-    Example:
-        optipromp bench publish ours theirs.zip --out release
-
-    Args:
-        results (RESULTS...): Folders or submissions.
-        out (DIR): New; of the files of a release.
-        unverified: Take what 'bench verify' did not confirm, too.
-    """
-    from optipromp_bench.table import DIGESTS, published
-
-    made = published(results, out, unverified)
-    lines = [f"{digest}  {name}" for name, digest in made["sha256"].items()]
-    return Report(made, [*lines, f"wrote {out / DIGESTS}, of commit {made['commit'] or 'none'}"])
-
-
 @bench.command("study")
 @command()
-def study(file: Path, /, out: Path, workers: Workers = None) -> Report:
-    """Run the studies of a file, and print their tables: shares with 95 % intervals.
+def study(
+    what: list[str],
+    /,
+    *,
+    out: Path,
+    scenes: Path | None = None,
+    crop: str | None = None,
+    workers: Workers = None,
+    ray: Cluster = None,
+    robot: Whose = None,
+    arm: ArmOptions,
+) -> Report:
+    """Run studies in the simulation, and print their tables: shares with 95 % intervals.
 
-    Each study keeps its rows in DIR/NAME; the same command goes on from there.
+    A study runs planners on random scenes, or on yours, and executes their
+    plans. It is said in words FIELD=VALUE, or several are in a file. Fields are
+    presets, planners, seeds (A:B, to before B), noise, noise_position in m,
+    noise_angle in degrees, only_valid, vary (true or crop), risk; of loops, in
+    place of planners: loops (open, closed), conditions, eyes (rendered, fitted),
+    finder, views. docs/studies.md tells of each.
 
-    Example:
+    Every run is a row of rows.csv in DIR, of a file in DIR/NAME. Ctrl-C keeps
+    what is done; the same command goes on from there.
+
+    Examples:
+        optipromp bench study presets=cluster,shelf seeds=1000:1200 --out fresh
+        optipromp bench study presets=cluster planners=opti-promp --robot ur5.urdf --out ur5
+        optipromp bench study planners=opti-promp noise=zero-mean --scenes mine --out own
+        optipromp bench study presets=cluster planners=opti-promp,drift vary=true --out varied
+        optipromp bench study presets=cluster vary=crop --crop tomato --out guesses
+        optipromp bench study presets=field loops=open,closed conditions=sway --out two
+        optipromp bench study presets=cluster loops=open,closed eyes=fitted --out circle
         optipromp bench study scripts/studies/loops.toml --out loops
 
     Args:
-        file (FILE.toml): Of 'table', plans, loops or MODULE:CLASS, and a row of 'study' for each:
-            name, presets, planners, seeds, noise, loops, conditions, eyes; or the fields of CLASS.
-        out (DIR): Of the rows.
+        what (FIELD=VALUE...|FILE.toml): A study, or a file of them: of 'table', MODULE:CLASS of
+            another kind (none: plans and loops), and a row of 'study' for each.
+        out (DIR): Where rows go; rows that are there are kept.
+        scenes (DIR): Your scenes in place of presets: the scene files of a folder. The seed is then
+            of noise, planner and physics.
+        crop (CROP): Of the scenes' fruits: strawberry, tomato, apple or a file; harm is judged in
+            its units.
     """
-    from rich.text import Text
-
+    from optipromp.cli.plan import scene_files
+    from optipromp.core.scenes.crops import load_crop
     from optipromp_bench.experiments.kinds import run_kind
-    from optipromp_bench.experiments.study import Study, run_study
-    from optipromp_bench.experiments.tables import studies_in, tables_of
+    from optipromp_bench.experiments.statistics import cells_in
+    from optipromp_bench.experiments.study import Study, run_study, write_results
+    from optipromp_bench.experiments.tables import studies_of, tables_of
 
-    table, studies = studies_in(file)
+    named = arm.of(robot)
+    given: dict[str, Any] = {} if crop is None else {"crop": load_crop(crop)}
+    if named:
+        given |= {"choice": named.choice} | ({} if robot is None else {"robot": robot})
+    kind, studies = studies_of(what, scene_files(scenes) if scenes else (), **given)
     say_if_compiling()
     rows: dict[str, Sequence[Any]] = {}
     for name, each in studies.items():
         with progress_bar(20) as say:
             if isinstance(each, Study):
-                rows[name] = run_study(each, out / name, workers=workers, progress=_told(say))
+                rows[name] = run_study(
+                    each, out / name, workers=workers, ray=ray, progress=_told(say)
+                )
+                write_results(rows[name], out / name)
             else:
                 rows[name] = run_kind(each, out / name, workers, _told(say))
-    told = tables_of(table, out, rows)
-    return Report({"tables": told}, [Text(told, no_wrap=True)])
+    tables = tables_of(rows) if kind is Study else kind.told(rows)
+    write_atomically(out / "tables.md", "\n".join(map(str, tables)).encode())
+    cells = [
+        {"study": name, **cell.to_dict()}
+        for name, own in rows.items() if kind is Study for cell in cells_in(own)
+    ]  # fmt: skip
+    document = {
+        "runs": sum(map(len, rows.values())),
+        "cells": cells,
+        "tables": [t._asdict() for t in tables],
+    }
+    last = f"wrote rows, tables.md and, of each study, summary.json and study.svg to {out}"
+    shown = (_table(each.heads, each.lines, each.title) for each in tables)
+    return Report(document, [*shown, last])
 
 
 @bench.command("list")
@@ -262,36 +295,43 @@ def entries() -> Report:
         "tracks": dict(CONDITION),
         "entries": {name: {**e._asdict(), "runs": runs[name]} for name, e in ENTRIES.items()},
     }
-    shown = grid(("entry", "track", "runs", "what it does"))
-    shown.columns[3].no_wrap = False  # so that the others stay whole
-    for name, each in ENTRIES.items():
-        shown.add_row(name, each.track, runs[name], each.text)
+    lines = [[name, e.track, runs[name], e.text] for name, e in ENTRIES.items()]
+    shown = _table(("entry", "track", "runs", "what it does"), lines, left=4)
     words = ", ".join(f"{name} (condition {value})" for name, value in CONDITION.items())
     return Report(document, [f"tracks: {words}", shown])
 
 
 def _told(say: Callable[[int, int, str], None]) -> Callable[[int, int, "Row | None"], None]:
     def tell(done: int, total: int, row: "Row | None") -> None:
-        newest = "" if row is None else f": {row.preset} {row.seed} {row.result}"
+        newest = "" if row is None else f": {row.preset} {row.seed} {row.result or row.cause}"
         say(done, total, f"{done} of {total} rows{newest}")
 
     return tell
 
 
 def _shown(board: "Leaderboard", words: str) -> Shown:
-    left = "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"
-    shown = grid((*left, "verified"), padding=(0, 0))
-    for column in shown.columns[1:]:
-        column.no_wrap = False  # so that names stay whole
+    heads = "entry", "engine", "clean (95 %)", "harmed", "missed", "refused", "score", "p"
+    lines = list[list[Any]]()
     for entry in board.order:
         for k, engine in enumerate(board.run.engines):
             s = board.of(entry, engine)
-            clean = f"{s.clean}/{s.runs} ({s.interval})"
-            shown.add_row(
-                "" if k else entry, engine, clean, str(s.harmed), str(s.missed),
-                str(s.refused + s.errors), f"{100 * s.score:.0f}",
+            lines.append([
+                "" if k else entry, engine, f"{s.clean}/{s.runs} ({s.interval})", s.harmed,
+                s.missed, s.refused + s.errors, f"{100 * s.score:.0f}",
                 "–" if s.p is None else f"{s.p:.3f}", "" if k else board.verified[entry],
-            )  # fmt: skip
-    yield shown
+            ])  # fmt: skip
+    yield _table((*heads, "verified"), lines, left=9)
     if words:
         yield words
+
+
+def _table(
+    heads: Sequence[str], lines: Sequence[Sequence[Any]], title: str = "", left: int = 1
+) -> "Rich":
+    """A table for a terminal; a cell but the first of a line may take several lines."""
+    out = grid(heads[:left], heads[left:], title=title or None, padding=(0, 0))
+    for column in out.columns[1:]:
+        column.no_wrap, column.overflow = False, "fold"
+    for line in lines:
+        out.add_row(*(str(cell).replace("`", "") for cell in line))
+    return out

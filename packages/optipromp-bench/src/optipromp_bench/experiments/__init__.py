@@ -1,1 +1,1 @@
-"""Experiments: the paper's four scenarios."""
+"""Experiments: studies, their rows, statistics and tables."""

@@ -1,4 +1,4 @@
-"""The circle from picture to pick (``optipromp study --eyes``): see, plan, execute in the truth.
+"""The circle from picture to pick (``eyes`` of a study): see, plan, execute in the truth.
 
 ``rendered``: the scene is photographed from beside and seen by the eyes; in the closed loop every
 look is such a picture, from the palm. ``fitted``: looks are of the camera model with the numbers of
@@ -39,6 +39,7 @@ from optipromp_sim.simulation.detector_parameters import EYES, DetectorParameter
 from optipromp_sim.simulation.parameters import SimulationParameters
 from optipromp_sim.simulation.photograph import FRUITS, Photograph, photograph
 from optipromp_sim.simulation.sight import standing_pose
+from optipromp_sim.simulation.simulation import FruitStates
 from optipromp_sim.situations import CONDITIONS, Situation
 
 OFTEN = 10_000  # pictures of one seed: above those of a pick
@@ -66,7 +67,7 @@ class RenderedDetector(Detector):
         super().__init__(scene, robot, parameters, seed)
         self._finder, self._first, self._count = finder, OFTEN * seed, 0
 
-    def expose(self, time: float, q: FloatArray, fruits: Truth) -> Look:
+    def expose(self, time: float, q: FloatArray, fruits: Truth | FruitStates) -> Look:
         """The detections of one picture, rendered at ``time`` [s] with the arm at ``q`` (n,)."""
         self._count += 1
         mount = self.parameters.mount
@@ -77,7 +78,7 @@ class RenderedDetector(Detector):
             return look
         return replace(look, detections=tuple(replace(o, stem=None) for o in look.detections))
 
-    def moment(self, q: FloatArray, fruits: Truth) -> Scene:
+    def moment(self, q: FloatArray, fruits: Truth | FruitStates) -> Scene:
         """The scene with the arm at ``q`` (n,) and the fruits where they are."""
         positions, rotations, stems = self._placed(fruits)
         moved = {}

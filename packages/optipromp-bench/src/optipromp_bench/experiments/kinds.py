@@ -15,6 +15,7 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import check_folder
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.rows import LOCK, Row, locked, source_version
+from optipromp_bench.experiments.statistics import Table
 
 Ask = Mapping[str, Any]
 
@@ -29,7 +30,7 @@ class Kind(Protocol):
         """What became of a trial, as plain values."""
 
     @staticmethod
-    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> str:
+    def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> Sequence[Table]:
         """The tables, of the rows of each study: what was asked and what became of it."""
 
 
@@ -39,7 +40,7 @@ def kind_of(name: str) -> type[Kind]:
     try:
         return resolve_name(name)  # type: ignore[no-any-return]
     except (ImportError, AttributeError, ValueError) as error:
-        told = f"table is {name!r} ({error}); must be plans, loops or MODULE:CLASS"
+        told = f"table is {name!r} ({error}); must be MODULE:CLASS, or left out"
         raise InvalidRequestError(told) from None
 
 

@@ -13,10 +13,10 @@ from optipromp.core.output import ROWS
 from optipromp.core.planning import PlanOptions
 from optipromp.core.scenes.crops import load_crop
 from optipromp.looks.reports import made_with, page, paragraph, picture, section, table
-from optipromp_bench.experiments import statistics
 from optipromp_bench.experiments.rows import ERROR, NO_PLAN, Row, rows_of
+from optipromp_bench.experiments.statistics import Table, summary
 from optipromp_bench.experiments.study import file_of, settings_of, study_picture
-from optipromp_bench.experiments.tables import told
+from optipromp_bench.experiments.tables import tables_of
 from optipromp_bench.experiments.trials import FOLDER, again
 from optipromp_eyes.pictures import png_file
 from optipromp_sim.generate import PANDA
@@ -32,16 +32,16 @@ SLIGHT = 0.2  # [N] largest force of a run whose end is shown instead of the mom
 def study_report(
     folder: Path | str, *, worst: int = WORST, progress: Callable[[str], None] | None = None
 ) -> bytes:
-    """One HTML file about the study in a folder that ``optipromp study`` left. The ``worst`` failed
-    runs are made again for their pictures, if anything can be drawn off screen. ``progress``:
-    called with a line about the run that is drawn."""
+    """One HTML file about the study in a folder that ``optipromp bench study`` left. The ``worst``
+    failed runs are made again for their pictures, if anything can be drawn off screen.
+    ``progress``: called with a line about the run that is drawn."""
     folder = Path(folder)
     rows = rows_of(folder)
     if not rows:
         raise InvalidRequestError(f"{folder} holds no rows of a study ({ROWS})")
     settings, robot = settings_of(folder)
     settings["risk"] = PlanOptions(risk=settings.get("risk", PlanOptions.risk)).risk
-    cells = statistics.summary(rows)
+    cells = summary(rows)
     kept, plans = sum(cell.kept for cell in cells), sum(cell.plans for cell in cells)
     title = f"Study of {len(rows)} runs"
     head = f"<h1>{title}</h1>" + paragraph(
@@ -51,7 +51,7 @@ def study_report(
     parts = [
         head,
         section("Shares", picture(study_picture(cells), "Shares with their intervals", "svg+xml")),
-        section("Tables", *(paragraph(t.title) + table(t.lines, t.heads) for t in told(rows))),
+        section("Tables", *map(_tabled, tables_of({"": rows}))),
         *_worst(rows, worst, progress, robot, settings),
         section("Settings", table([(k, _told(v)) for k, v in settings.items() if k != FOLDER])),
         made_with(_study_command(rows, robot, settings), {}),
@@ -121,32 +121,36 @@ def worst_moment(run: Run) -> float:
     return float(rollout.times[int(force.max(axis=1).argmax())])
 
 
+def _tabled(one: Table) -> str:
+    lines = ([str(cell).replace("`", "") for cell in line] for line in one.lines)
+    return paragraph(one.title) + table(lines, one.heads)
+
+
 def _study_command(rows: Sequence[Row], robot: str | None, settings: Mapping[str, Any]) -> str:
-    presets, planners = (
-        ",".join(dict.fromkeys(getattr(row, name) for row in rows))
-        for name in ("preset", "planner")
-    )
-    seeds = [row.seed for row in rows]
-    files = any(Path(row.preset).suffix for row in rows)
-    words = ["optipromp", "study", *(("--scenes", "DIR") if files else ("--preset", presets))]
-    if rows[0].loop:
-        for option, name in (("loop", "loop"), ("conditions", "condition")):
-            words += [f"--{option}", ",".join(dict.fromkeys(getattr(row, name) for row in rows))]
-    else:
-        words += ["--planners", planners]
-    words += ["--seeds", f"{min(seeds)}:{max(seeds) + 1}"]
+    first, seeds = rows[0], [row.seed for row in rows]
+    names = {"preset": "presets", "planner": "planners"}
+    if first.loop:
+        seen = "eyes" if first.finder else "conditions"
+        names = {"preset": "presets", "loop": "loops", "condition": seen}
+    said: dict[str, Any] = {
+        field: ",".join(dict.fromkeys(getattr(row, name) for row in rows))
+        for name, field in names.items()
+    }
+    files = [said.pop("presets")] if any(Path(row.preset).suffix for row in rows) else []
+    said |= {"seeds": f"{min(seeds)}:{max(seeds) + 1}", "noise": first.noise}
+    if not first.noise:
+        said |= {name: getattr(first, name) or "" for name in ("noise_position", "noise_angle")}
+    if first.variation:
+        said["vary"] = "crop" if first.variation == AS_CROP else "true"
+    if (risk := settings["risk"]) != PlanOptions.risk:
+        said["risk"] = risk
+    words = [f"{field}={value}" for field, value in said.items() if value != ""]
+    words += ["--scenes", "DIR"] if files else []
     if robot != PANDA and not files:
         words += ["--robot", robot or "ROBOT"]
-    for name in ("noise",) if rows[0].noise else ("noise_position", "noise_angle"):
-        if value := getattr(rows[0], name):
-            words += ["--" + name.replace("_", "-"), value if name == "noise" else f"{value:g}"]
     if "crop" in settings:
         words += ["--crop", crop if isinstance(crop := settings["crop"], str) else "CROP.yaml"]
-    if rows[0].variation:
-        words += ["--vary", *(["crop"] if rows[0].variation == AS_CROP else [])]
-    if (risk := settings["risk"]) != PlanOptions.risk:
-        words += ["--risk", f"{risk:g}"]
-    return shlex.join([*words, "--out", "DIR"])
+    return shlex.join(["optipromp", "bench", "study", *words, "--out", "DIR"])
 
 
 def _told(value: object) -> str:

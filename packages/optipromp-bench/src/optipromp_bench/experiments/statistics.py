@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from statistics import median
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import scipy.stats
@@ -39,10 +39,17 @@ def share(count: int, of: int, digits: int = 0) -> str:
     return f"{100.0 * count / max(of, 1):.{digits}f} ({percent(*wilson(count, of))})"
 
 
-def tabled(title: str, columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """A table of Markdown under its heading, as ``scripts/publish.py`` reads it."""
-    lines = (" | ".join(map(str, each)) for each in (columns, ["---"] * len(columns), *rows))
-    return "\n".join([f"### {title}", "", *(f"| {line} |" for line in lines), ""])
+class Table(NamedTuple):
+    """A table; as a text it is Markdown under its heading, as ``scripts/publish.py`` reads it."""
+
+    title: str
+    heads: Sequence[str]
+    lines: Sequence[Sequence[Any]]
+
+    def __str__(self) -> str:
+        rows = (self.heads, ["---"] * len(self.heads), *self.lines)
+        lines = (" | ".join(map(str, each)) for each in rows)
+        return "\n".join([f"### {self.title}", "", *(f"| {line} |" for line in lines), ""])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -190,6 +197,11 @@ def loop_summary(rows: Iterable[Row]) -> tuple[LoopCell, ...]:
     return cells_of(rows, lambda r: (r.preset, r.condition, r.loop), cell, ALL)
 
 
+def cells_in(rows: Sequence[Row]) -> Sequence[PlanCell | LoopCell]:
+    """The figures of a study of loops, else of one of plans."""
+    return loop_summary(rows) if any(row.loop for row in rows) else summary(rows)
+
+
 def plan_cell(
     rows: Sequence[Row], preset: str, planner: str, changed: int | None = None
 ) -> PlanCell:
@@ -292,11 +304,11 @@ class Reliability:
     successes: int  # number of plans whose status was success
     failed: int  # number of these that failed in the simulation
 
-    def rows(self) -> list[tuple[str, ...]]:
-        """Of each bin [%]: its bounds, runs, mean prediction, failures, their rate and interval."""
+    def rows(self) -> list[list[Any]]:
+        """Of each bin its bounds, runs, mean prediction, and share of failures [%]."""
         return [
-            (f"{100 * b.low:g}–{100 * b.high:g}", str(b.runs), f"{100 * b.predicted:.1f}",
-             str(b.failures), f"{100 * b.rate:.1f}", percent(b.rate_low, b.rate_high))
+            [f"{100 * b.low:g} to {100 * b.high:g} %", b.runs, f"{100 * b.predicted:.1f}",
+             share(b.failures, b.runs, 1)]
             for b in self.bins
         ]  # fmt: skip
 

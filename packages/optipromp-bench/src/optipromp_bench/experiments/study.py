@@ -20,7 +20,7 @@ from optipromp.core.robots.library import NOTHING
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.forest import Share, Shares, forest
 from optipromp_bench.experiments.rows import LOCK, Key, Row, RowFile, locked, source_version
-from optipromp_bench.experiments.statistics import PlanCell, calibration, loop_summary
+from optipromp_bench.experiments.statistics import PlanCell, calibration, loop_summary, summary
 from optipromp_bench.experiments.trials import FOLDER, digests, run_trials, warm_up
 from optipromp_bench.experiments.trials import Study as Study
 from optipromp_sim.generate import PANDA
@@ -128,12 +128,9 @@ def file_of(settings: Mapping[str, Any], name: str) -> Path | None:
     return path if digests([path]) == {name: known[name]} else None
 
 
-def write_results(rows: Sequence[Row], cells: Sequence[PlanCell], folder: Path) -> tuple[str, ...]:
-    """Write ``summary.json`` and ``study.svg``.
-
-    Returns: The names of the files.
-    """
-    found = calibration(rows)
+def write_results(rows: Sequence[Row], folder: Path) -> None:
+    """Write ``summary.json`` and ``study.svg``."""
+    found, cells = calibration(rows), summary(rows)
     document: dict[str, Any] = {
         "cells": [cell.to_dict() for cell in cells],
         "calibration": None if found is None else found.to_dict(),
@@ -142,7 +139,6 @@ def write_results(rows: Sequence[Row], cells: Sequence[PlanCell], folder: Path) 
         document["loops"] = [cell.to_dict() for cell in loop_summary(rows)]
     write_atomically(folder / "summary.json", json_text(document).encode("utf-8"))
     write_atomically(folder / "study.svg", study_picture(cells))
-    return "summary.json", "study.svg"
 
 
 def study_picture(cells: Iterable[PlanCell]) -> bytes:

@@ -12,7 +12,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
-from optipromp_loop.control import driver
+from optipromp_loop.control import plant
 from optipromp_loop.control.camera import CameraWatch
 from optipromp_loop.control.driver import Driver
 from optipromp_loop.control.felt import Felt
@@ -67,23 +67,23 @@ class Common:
             told = "a closed loop follows fruits alone; leave the motion out, or plan without one"
             raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         self.robot, state = posed(scene, robot)
-        self.scene = scene = driver.tracked_at_most(scene, TrackerParameters.most)
+        self.scene = scene = plant.tracked_at_most(scene, TrackerParameters.most)
         self.seed, self.parameters = seed, parameters
         self.camera, self.looks = CameraWatch(self.robot, parameters), Looks()
         self.felt = Felt(scene.up, parameters)
-        first = driver.first_tracks(scene, parameters.known)
+        first = plant.first_tracks(scene, parameters.known)
         self.tracker = Tracker(scene, first=first, tool=self._mouth)
         self.driver = Driver(scene, self.robot, state, parameters)
         self._solids, self._appeared = Solids(scene), False
         self.tries, self.over, self.picks = parameters.tries, "", list[Picked]()
 
     def _mouth(self, time: float) -> FloatArray:
-        return driver.mouth_balls(self.robot, self.camera.configuration(time), self.looks.eye)
+        return plant.mouth_balls(self.robot, self.camera.configuration(time), self.looks.eye)
 
     def stands(self, look: Look) -> None:
         """Take what a look shows, and nothing explains, into the scene."""
-        fruits, q = self.tracker.at(look.time).objects(), self.camera.configuration(look.time)
-        solids = self._solids.after(look, fruits, self.robot, q)
+        q = self.camera.configuration(look.time)
+        solids = self._solids.after(look, self.tracker, self.robot, q)
         if solids is not self._solids:
             self._appeared, self._solids, self.scene = True, solids, solids.scene
             self.driver.stands(self.scene)
@@ -114,7 +114,7 @@ class Common:
 
     def hidden(self, tracked: Tracked, since: float) -> dict[str, str | None]:
         """The fruits that no look has shown ``since`` a time [s], and what hides each."""
-        return {} if self.looks.eye is None else driver.unseen(tracked, self.looks.eye, since)
+        return {} if self.looks.eye is None else plant.unseen(tracked, self.looks.eye, since)
 
     def left_out(self, tracked: Tracked, since: float) -> str:
         """In words, what a pick does not know: fruits out of sight, and those not tracked."""

@@ -23,9 +23,9 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp_loop.control import driver
+from optipromp_loop.control import courses, plant
 from optipromp_loop.control.common import Common
-from optipromp_loop.control.driver import Course, Route
+from optipromp_loop.control.courses import Course, Route
 from optipromp_loop.control.parameters import CONTROL, LoopParameters
 from optipromp_loop.control.slices import Sliced
 from optipromp_loop.control.stages import (
@@ -251,10 +251,10 @@ class Controller(Common):
             self._notice(now, self.camera.news.pop(0))
         if seen is None:
             return
-        seen = driver.untold(seen, self.scene, self.parameters.reach)
+        seen = plant.untold(seen, self.scene, self.parameters.reach)
         pushed = dict[str, FloatArray]()
         if self.doing.among:
-            pushed = driver.pushed_by(self.driver.route, self.driver.phase(seen.time))
+            pushed = courses.pushed_by(self.driver.route, self.driver.phase(seen.time))
         self.looks.eye = seen.camera.position
         if isinstance(self.doing, Take):
             self.doing.sees(self, seen)

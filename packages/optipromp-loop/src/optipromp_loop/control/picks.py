@@ -26,7 +26,7 @@ from optipromp.core.pushing.stems.hanging import Leaving
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
-from optipromp_loop.control.driver import Displacement
+from optipromp_loop.control.courses import Displacement
 from optipromp_loop.control.wayout import ways_out
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import count, islice
@@ -18,6 +18,7 @@ from optipromp.core.scenes.look import Look, unexplained
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.scene import Scene
 from optipromp_loop.control.belief import visible
+from optipromp_loop.control.tracker import Tracker
 
 SAME = 0.02  # [m] from a thing, within which what is seen is the thing: a choice
 FEWEST = 4  # points of a thing: a choice
@@ -40,15 +41,13 @@ class Solids:
         """The scene as told, and the things."""
         return replace(self.told, objects=(*self.told.objects, *self.items))
 
-    def after(
-        self, look: Look, fruits: Sequence[SceneObject], robot: Robot, q: FloatArray
-    ) -> Solids:
-        """The things after a look with the arm at ``q`` (n,), and ``fruits`` that are known; itself
-        where nothing came or went."""
+    def after(self, look: Look, fruits: Tracker, robot: Robot, q: FloatArray) -> Solids:
+        """The things after a look with the arm at ``q`` (n,), and ``fruits`` that are tracked;
+        itself where nothing came or went."""
         if not (look.solids or self.items):
             return self
         arm = np.column_stack([robot.sphere_centers(q), robot.spheres.radius])
-        seen = list(unexplained(look, self.told, fruits, arm, reach(robot)))
+        seen = list(unexplained(look, self.told, fruits.at(look.time).objects(), arm, reach(robot)))
         middles = np.array([item.position for item in self.items]).reshape(-1, 3)
         shows = visible(look, middles, np.zeros(len(middles)), np.inf, NOTHING).tolist()
         kept = [

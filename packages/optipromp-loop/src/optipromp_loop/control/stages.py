@@ -23,9 +23,9 @@ from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.result import RETREAT
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
-from optipromp_loop.control import driver
+from optipromp_loop.control import courses, driver, plant
 from optipromp_loop.control.common import Common
-from optipromp_loop.control.driver import Displacement, Route
+from optipromp_loop.control.courses import Displacement, Route
 from optipromp_loop.control.picks import (
     Choice,
     committed,
@@ -159,7 +159,7 @@ class Observe(Stage):
                     longest = p.patient
                 late = now - self.since > longest
                 return self._elsewhere(loop, now, tracked) if late else (None, None)
-            self.scene = driver.tracked_scene(loop.scene, tracked, start=loop.driver.state(now).q)
+            self.scene = plant.tracked_scene(loop.scene, tracked, start=loop.driver.state(now).q)
             before = loop.picks[-1] if loop.picks and self.near else None
             work = partial(committed, self.scene, loop.robot, loop.seed, before)
             self.job = Sliced(partial(work, loop.parameters.budget))
@@ -195,9 +195,9 @@ class Observe(Stage):
     def _knows(self, loop: Common, now: float, tracked: Tracked) -> bool:
         """Whether it has looked for long enough, and something differs from what was refused."""
         p, looked = loop.parameters, now - self.since
-        if driver.target_row(tracked) is None:
+        if plant.target_row(tracked) is None:
             return False
-        if self.refused is not None and driver.moved_by(self.refused, tracked) < p.changed:
+        if self.refused is not None and plant.moved_by(self.refused, tracked) < p.changed:
             return False
         if not self.near:
             return (self.seen >= 3 and loop.known) or (
@@ -205,7 +205,7 @@ class Observe(Stage):
             )
         if looked < p.look or self.seen < 3:
             return False
-        return looked > p.patient or driver.rests_known(tracked, p.settled)
+        return looked > p.patient or plant.rests_known(tracked, p.settled)
 
     def _elsewhere(self, loop: Common, now: float, tracked: Tracked) -> Step:
         """Go to another view; give up where none is left, or another shows no more."""
@@ -219,7 +219,7 @@ class Observe(Stage):
         if self.near and self.refused is None:  # from here it would be seen
             left = []
         for k, view in enumerate(left):
-            turn = driver.path_back(loop.robot, np.array([q, view]), p.retreat_speed)
+            turn = courses.path_back(loop.robot, np.array([q, view]), p.retreat_speed)
             if drive.safe(turn):
                 then = Observe(self.near, left[k + 1 :], refused=self.refused, why=self.why)
                 out = drive.set_out(Route.along(loop.robot, turn, drive.still), now, tracked)
@@ -259,7 +259,7 @@ class Travel(Stage):
             return drive.brake(begins), Next(Observe(), BLOCKED)
         if drive.phase(begins) >= route.duration:
             return drive.brake(begins), Next(self.then, self.told)
-        new = frozenset(driver.appeared(route.scene, tracked))
+        new = frozenset(plant.appeared(route.scene, tracked))
         if route.scene.target is not None and new - self.passed:  # it is not on the way to a view
             if not drive.clear(tracked, new):
                 return drive.brake(begins), Next(Observe(), f"in the way: {', '.join(sorted(new))}")
@@ -297,7 +297,7 @@ class Push(Stage):
             return drive.go_on(now, tracked), Next(Take(self), "at the target")
         if since is not None and now - since > p.picture_still:
             return None if drive.waits else drive.brake(begins), None
-        if driver.target_row(tracked) is None:
+        if plant.target_row(tracked) is None:
             return self.ends(loop, now, "the target is no longer where it must be seen")
         made = self._watch(loop, now, tracked, phase)
         return made if made is not None else (drive.go_on(now, tracked), None)
@@ -323,7 +323,7 @@ class Push(Stage):
             late = phase >= made.trajectory.duration - 2.0 * p.allowance
             if late or now - self.checked < p.checked:
                 return None
-            if driver.moved_by(made.scene, tracked, apart=True) < p.changed:
+            if plant.moved_by(made.scene, tracked, apart=True) < p.changed:
                 return None
             self.checked, self.at = now, None
             scene, shift = _beside(loop, made, tracked)
@@ -363,7 +363,7 @@ class Push(Stage):
         """Whether the look shows the target below its place, and faster down than a plant moves."""
         p, up = loop.parameters, loop.scene.up
         tracked = loop.tracker.at(look.time)
-        row = driver.target_row(tracked)
+        row = plant.target_row(tracked)
         seen = [look.camera @ item.position for item in look.detections if item.role == "target"]
         if row is None or not seen:
             return False
@@ -380,13 +380,13 @@ class Push(Stage):
 
 def _beside(loop: Common, made: Plan, tracked: Tracked) -> tuple[Scene, Displacement]:
     """The scene of now as seen from the target of a plan, and how fruits moved against it."""
-    places, moved, _ = driver.displaced(made.scene, tracked)
+    places, moved, _ = plant.displaced(made.scene, tracked)
     target = made.scene.target
-    row = driver.target_row(tracked)
+    row = plant.target_row(tracked)
     assert row is not None
     assert target is not None
     offset = tracked.rest[row] - target.position
-    scene = driver.tracked_scene(loop.scene, tracked, offset)
+    scene = plant.tracked_scene(loop.scene, tracked, offset)
     apart = moved - offset
     return replace(scene, approach=made.scene.approach), Displacement(
         places, lambda times: np.tile(apart, (len(times), 1, 1))
@@ -414,7 +414,9 @@ class Take(Stage):
         drive, self.since = loop.driver, min(self.since, now)
         if now - self.since < loop.parameters.hold:
             return drive.halt(now) if self.fallen else drive.go_on(now, tracked), None
-        outside = driver.outside(loop.robot, drive.state(now).q, tracked)
+        target, route = self.push.pick.reach.scene.target, drive.route
+        planned = np.zeros(3) if target is None else target.position - route.points[-1]
+        outside = plant.outside(loop.robot, drive.state(now).q, tracked, planned)
         if not self.caught if self.fallen else outside:
             return self.push.ends(loop, now, FALLS if self.fallen else "the target is not inside")
         if loop.robot.tool is None:  # nothing is taken out
@@ -430,7 +432,7 @@ class Take(Stage):
         """Note whether a look shows the fallen target inside the tool."""
         q = loop.camera.configuration(look.time)
         seen = [look.camera @ item.position for item in look.detections if item.role == "target"]
-        self.caught |= any(driver.inside(loop.robot, q, place) for place in seen)
+        self.caught |= any(plant.inside(loop.robot, q, place) for place in seen)
 
     def _out(self, loop: Common, now: float, tracked: Tracked) -> Step:
         """Leave with the target as the pick says; where that does not lead out, search."""
@@ -478,7 +480,7 @@ class Leave(Stage):
             ready = self.holding or drive.rests(now)
             ways = self.worked(loop, not self.holding) if ready else None
             for q, _ in ways or ():
-                back = driver.path_back(loop.robot, q, loop.parameters.retreat_speed)
+                back = courses.path_back(loop.robot, q, loop.parameters.retreat_speed)
                 if drive.safe(back):
                     came = route, drive.phase(now)
                     out = Route.along(loop.robot, back, route.scene, came=came)

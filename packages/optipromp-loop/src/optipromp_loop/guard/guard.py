@@ -30,8 +30,8 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp.core.values import array
-from optipromp_loop.control.driver import first_tracks, tracked_at_most
 from optipromp_loop.control.parameters import CONTROL
+from optipromp_loop.control.plant import first_tracks, tracked_at_most
 from optipromp_loop.control.solids import Solids
 from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.control.tracks import TrackerParameters
@@ -46,7 +46,7 @@ from optipromp_loop.guard.motion import (
     sampled,
     stopping,
 )
-from optipromp_loop.guard.plant import Course, Plant, Room, least, seen_scene, stays
+from optipromp_loop.guard.plant import Course, Plant, Room, least, seen_scene, stays, unchanged
 from optipromp_loop.guard.takeover import Takeover
 
 T = TypeVar("T")
@@ -262,6 +262,12 @@ class Guard:
                 self._hand_over(loop, now, safe.reason)
         return safe
 
+    def feel(self, time: float, force: FloatArray) -> None:
+        """Take a measured force in, for a loop that has the arm; see :meth:`.Controller.feel`."""
+        loop = None if self._takeover is None else self._takeover.controller
+        if loop is not None:
+            loop.feel(time, force)
+
     def _decided(self, wish: FloatArray, begin: State) -> tuple[Safe, Refusal | None]:
         """The action nearest to a wish, and why the last that was tried does not pass."""
         whole = bool(np.isfinite(wish).all())
@@ -421,9 +427,13 @@ class Guard:
         for look in come:
             self._tracker.add(look, self._pushed())
             if not self._pushing:  # else what is seen of fruits that the tool moves is no thing
-                fruits = self._tracker.at(look.time).objects()
-                self._base = self._base.after(look, fruits, self.robot, q)
+                self._base = self._base.after(look, self._tracker, self.robot, q)
         seen = self._tracker.at(self.time if time is None else time)
+        own, added = self._plant.pushed if self._pushing else frozenset[str](), self._plant.added
+        if (self._pushing or not added) and unchanged(
+            self._base.scene, self.scene, seen, p.changed, own
+        ):
+            return
         scene = seen_scene(self._base.scene, self.scene, seen, p.changed)
         during = self._plant.during_push(scene) if self._pushing else None
         scene = scene if during is None else during.task.scene

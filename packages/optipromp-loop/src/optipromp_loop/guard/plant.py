@@ -17,7 +17,7 @@ from optipromp.core.pushing.model import Combined, PushModel
 from optipromp.core.pushing.stems.hanging import Hanging, after
 from optipromp.core.scenes.objects import SceneObject, rooted
 from optipromp.core.scenes.scene import Scene
-from optipromp_loop.control.driver import target_row, tracked_scene
+from optipromp_loop.control.plant import target_row, told_of, tracked_scene
 from optipromp_loop.control.tracker import Tracked
 from optipromp_loop.guard.motion import ROUNDING
 
@@ -125,12 +125,18 @@ class Plant:
         """The obstacles of :attr:`judged`."""
         return replace(self.task, scene=self.judged).surroundings
 
+    @cached_property
+    def pushed(self) -> frozenset[str]:
+        """The fruits whose place the models tell while the tool pushes; the target is one."""
+        target = (o.id for o in self.task.scene.objects if o.role == "target")
+        return self.known.union(target)
+
     def during_push(self, scene: Scene) -> "Plant":
         """With all of a ``scene`` but the fruits that are pushed: these are where the models lead.
 
         A target beside these is one more fruit that no model knows.
         """
-        own = {o.id: o for o in self.task.scene.objects if o.id in self.known or o.role == "target"}
+        own = {o.id: o for o in self.task.scene.objects if o.id in self.pushed}
         new = [item for item in scene.objects if item.id not in own]
         if self.task.scene.target is not None:
             new = [replace(o, role="pushable") if o.role == "target" else o for o in new]
@@ -143,6 +149,28 @@ def stays(item: SceneObject, before: SceneObject | None, changed: float) -> bool
     if before is None or item.role != before.role:
         return False
     return math.dist(item.position, before.position) < changed
+
+
+def unchanged(
+    base: Scene, before: Scene, seen: Tracked, changed: float, own: frozenset[str]
+) -> bool:
+    """Whether :func:`seen_scene` surely has the objects of ``before``, each moved by less than
+    ``changed`` [m]; ``own`` are left out. Told without the objects being made."""
+    if target_row(seen) is None:
+        return False
+    rows = np.flatnonzero(seen.confirmed).tolist()
+    places = {
+        seen.ids[row]: (seen.roles[row], seen.rest[row] if by is None or one is None else
+                        one.position + by)
+        for row, (one, by) in zip(rows, told_of(base, seen), strict=True)
+    }  # fmt: skip
+    still = (item for item in base.objects if item.role in ("static", "avoid"))
+    places |= {item.id: (item.role, item.position) for item in still}
+    was = {item.id: item for item in before.objects if item.id not in own}
+    return was.keys() == places.keys() - own and all(
+        places[name][0] == item.role and math.dist(places[name][1], item.position) < changed
+        for name, item in was.items()
+    )
 
 
 def seen_scene(base: Scene, before: Scene, seen: Tracked, changed: float) -> Scene:

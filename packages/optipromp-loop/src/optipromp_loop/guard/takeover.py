@@ -22,7 +22,7 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control.controller import Controller
-from optipromp_loop.control.driver import Route, path_back
+from optipromp_loop.control.courses import Route, path_back
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.stages import LoopStage
 

@@ -25,7 +25,7 @@ from optipromp.core.planning.verdict import Verdict, deciding
 from optipromp.core.pushing.model import Prediction
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
-from optipromp_loop.control import driver
+from optipromp_loop.control import plant
 from optipromp_loop.control.tracker import Tracker
 from optipromp_loop.shadow.recording import Recording, Span, span_of
 
@@ -116,7 +116,7 @@ def shadowed(
         risk: share of promised successes that may be broken, see :class:`PlanOptions`.
         progress: called with the number of picks done, of all, and words.
     """
-    base, out, before = driver.without_fruits(scene), list[Shadowed](), -math.inf
+    base, out, before = plant.without_fruits(scene), list[Shadowed](), -math.inf
     for k, mark in enumerate(recording.marks):
         made = Shadowed(k + 1, mark.closed)
         after = next((one.closed for one in recording.marks[k + 1 :]), math.inf)
@@ -167,7 +167,7 @@ def seen_scene(base: Scene, looks: Sequence[Look], span: Span) -> Scene:
     if far.min() > BESIDE:
         where = f"the nearest is {1e3 * far.min():.0f} mm away"
         raise InvalidRequestError(f"the gripper closed where no fruit was seen: {where}")
-    scene = driver.tracked_scene(base, tracked, start=q[0])
+    scene = plant.tracked_scene(base, tracked, start=q[0])
     return aimed(scene, tracked.ids[int(np.argmin(ripe))])
 
 

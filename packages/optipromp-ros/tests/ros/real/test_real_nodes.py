@@ -91,7 +91,7 @@ def start(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
     running = list[tuple[subprocess.Popen[str], Any]]()
 
     def begin(*call: str) -> subprocess.Popen[str]:
-        path = os.pathsep.join([str(ROOT), str(ROOT / "src")])
+        path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
         log = (tmp_path / f"{len(running)}.log").open("w")
         process = subprocess.Popen(
             [sys.executable, *call], stdout=log, stderr=log, text=True, cwd=tmp_path,

@@ -61,7 +61,7 @@ def generate(
         seed (0..): Of the first scene; each next has one more.
         count (1..): How many scenes.
         noise (NAME): Write the scenes as a detector sees them, too, into DIR/seen: zero-mean, low,
-            high, missed or detector, as of 'study'.
+            high, missed or detector, as of 'bench study'.
         crop (CROP): Fruits and stems of a crop: strawberry, tomato, apple or a file.
     """
     from optipromp.core.scenes.crops import load_crop

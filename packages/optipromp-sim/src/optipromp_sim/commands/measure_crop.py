@@ -22,7 +22,7 @@ def measure_crop(
     Examples:
         optipromp measure-crop fruits.csv --like tomato --out my-crop.yaml
         optipromp measure-crop width=31,29,34 length=42,40,45 mass=19,16,24 --out my-crop.yaml
-        optipromp study --preset cluster --crop my-crop.yaml --vary crop --out guesses
+        optipromp bench study presets=cluster vary=crop --crop my-crop.yaml --out guesses
 
     Args:
         measured (TABLE.csv|NAME=NUMBERS): A column each, whose cells may be empty; or

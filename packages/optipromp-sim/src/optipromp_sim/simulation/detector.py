@@ -7,7 +7,7 @@
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from optipromp_sim.simulation.detector_parameters import DETECTORS as DETECTORS
 from optipromp_sim.simulation.detector_parameters import DetectorParameters as DetectorParameters
 from optipromp_sim.simulation.sight import Leaf, Sight, hand_pose, standing_pose, view_of
 
+if TYPE_CHECKING:
+    from optipromp_sim.simulation.simulation import FruitStates
+
 LOWER = 0.05  # [m] of a stem that tells its direction: as long as peduncles are in pictures
 LEAF_CAP = math.radians(60.0)  # about the line to the first picture, within which leaves hang
 LEAST_DISTANCE = 0.1  # [m] of a false detection from the camera: a choice
@@ -30,13 +33,13 @@ SLACK = 1e-9  # [s] rounding of sums of times
 
 
 class Truth(NamedTuple):
-    """Where fruits are at one moment, in the base frame."""
+    """Where fruits are at one moment, in the base frame; a simulation may tell it."""
 
     ids: tuple[str, ...]
     """F names of objects of the scene; those left out are where the scene has them."""
     positions: FloatArray  # (F, 3) [m]
     rotations: FloatArray  # (F, 3, 3), local to base
-    stems: tuple[FloatArray, ...]
+    stem_ends: tuple[FloatArray, ...]
     """F polylines (N, 3) [m], root first; fewer than two points: no stem."""
 
 
@@ -121,7 +124,7 @@ class Detector:
         """The pose of the camera in the base frame at ``q`` (n,) as looks state it."""
         return self.camera(q) @ self.miscalibration
 
-    def expose(self, time: float, q: FloatArray, fruits: Truth) -> Look:
+    def expose(self, time: float, q: FloatArray, fruits: "Truth | FruitStates") -> Look:
         """The detections of one picture.
 
         Args:
@@ -147,7 +150,9 @@ class Detector:
         p = self.parameters
         return Look(time, self.believed(q), tuple(found), self.view, p.near, p.far)
 
-    def _placed(self, fruits: Truth) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+    def _placed(
+        self, fruits: "Truth | FruitStates"
+    ) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
         """Positions, rotations and stems, fruit first, of all fruits of the scene."""
         positions = np.array([item.position for item in self.fruits]).reshape(-1, 3)
         rotations = np.array([item.rotation for item in self.fruits]).reshape(-1, 3, 3)
@@ -159,7 +164,7 @@ class Detector:
             if row is None:
                 raise InvalidRequestError(f"{name!r} is no fruit of scene {self.scene.name!r}")
             positions[row], rotations[row] = fruits.positions[at], fruits.rotations[at]
-            stems[row] = np.asarray(fruits.stems[at])[::-1]
+            stems[row] = np.asarray(fruits.stem_ends[at])[::-1]
         return positions, rotations, stems
 
     def _grown(self, camera: Pose, positions: FloatArray) -> tuple[Leaf, ...]:
@@ -298,7 +303,7 @@ class Eye:
         self._arm: deque[tuple[float, FloatArray]] = deque()  # times [s], configurations (n,)
         self._held: tuple[float, Look] | None = None  # end of a picture that stands still [s], it
 
-    def see(self, time: float, q: FloatArray, fruits: Truth) -> bool:
+    def see(self, time: float, q: FloatArray, fruits: "Truth | FruitStates") -> bool:
         """Take a picture if one is due; whether one was taken.
 
         Pictures are due ``1 / rate`` apart from the first call on. To be called at every tick; of
@@ -318,7 +323,9 @@ class Eye:
         self._waiting.append(self._frozen(look, time, q, fruits) if p.frozen > 0.0 else look)
         return True
 
-    def _frozen(self, look: Look, time: float, q: FloatArray, fruits: Truth) -> Look:
+    def _frozen(
+        self, look: Look, time: float, q: FloatArray, fruits: "Truth | FruitStates"
+    ) -> Look:
         """The look with the picture that stands still, while one does."""
         p, target = self.detector.parameters, self.detector.scene.target
         if self._held is None and target is not None:

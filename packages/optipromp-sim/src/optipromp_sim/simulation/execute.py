@@ -401,15 +401,7 @@ class Controlled:
         controller, now, tick = self.controller, pick.arena.time, pick.arena.tick
         if now >= pick.began + LONGEST:
             return None
-        for look in pick.looks:
-            controller.see(look)
-        self._looks += pick.looks
-        controller.feel(now, pick.arena.wrench()[:3])
-        stretch = controller(now, pick.state, pick.reference)
-        target = pick.arena.scene.target
-        takes = controller.holding and pick.taken is None
-        if takes and target is not None and target.id in pick.arena.held():
-            pick.take()
+        stretch = self.asked(pick, pick.state, pick.reference)
         line = self._line or Line.of(standing(controller.robot, pick.reference), now)
         if stretch is not None:
             line = line.take(stretch, now, anew=controller.lost)
@@ -420,6 +412,24 @@ class Controlled:
             return None
         self._line = line
         return [line.at(now + k * tick) for k in range(pick.ticks)]
+
+    def asked(self, pick: Pick[Outcome], measured: State, reference: State) -> Stretch | None:
+        """What the controller gives for what a pick shows and feels; it may take the target.
+
+        For an arm that an executor leads, too: a source of its curves
+        (:data:`optipromp.core.execution.streaming.Source`), by the clock of the pick.
+        """
+        controller, arena = self.controller, pick.arena
+        for look in pick.looks:
+            controller.see(look)
+        self._looks += pick.looks
+        controller.feel(arena.time, arena.wrench()[:3])
+        stretch = controller(arena.time, measured, reference)
+        target = arena.scene.target
+        takes = controller.holding and pick.taken is None
+        if takes and target is not None and target.id in arena.held():
+            pick.take()
+        return stretch
 
     def trace(self) -> Trace:
         """What the controller saw and did so far."""

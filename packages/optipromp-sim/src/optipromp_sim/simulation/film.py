@@ -18,16 +18,17 @@ from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 from optipromp.core.arrays import FloatArray, IntArray
 from optipromp.core.errors import InvalidRequestError, check_one_of, installed_by
 from optipromp.core.scenes.look import Look
+from optipromp.looks.appearance import ground_of
 from optipromp_eyes.pictures import CameraModel, Image8
 from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.execute import Loop, Run
 from optipromp_sim.simulation.files import LoopRecord, ellipsoids, record_of
-from optipromp_sim.simulation.studio import EYE, SHOWN, Studio
+from optipromp_sim.simulation.studio import EYE, HIDDEN, SHOWN, Studio
 from optipromp_sim.simulation.world import World, build
 
 # choices for the eye
 AROUND = (150.0, 210.0, 125.0, 235.0, 100.0, 260.0, 60.0, 300.0, 30.0, 330.0)  # [deg], in turn
-LEVELS = (-10.0, 15.0)  # [deg] of elevation, in turn: from below, hanging fruits hide the tool less
+LEVELS = (-10.0, 15.0, -35.0, 40.0)  # [deg] of elevation, in turn: low, fruits hide less
 FILLED = 1.25  # height of the picture over that of tool and fruits
 CAPTION = 0.12  # share of the height that is left free for the caption
 NARROWEST = 0.40  # [m] height of the picture, at least
@@ -36,6 +37,7 @@ FALLEN = 0.2  # [m] a fruit that has fallen by more is no longer kept in the pic
 INSIDE = 0.95  # share of the picture that holds tool and fruits
 LOOKS = 24  # moments at which an azimuth is tried
 WEIGHT = 4.0  # of a moment at which tool or target are hidden, over that of another fruit
+WITHIN = 0.6  # of half the box around a part, from its middle to the points that rays go to
 
 
 class View(NamedTuple):
@@ -68,9 +70,13 @@ def shot(world: World, model: Any, run: Run, times: FloatArray, view: View) -> S
     fruits are hidden least.
 
     The picture holds the tool from flange to tip, and targets and pushables with the lower ends of
-    their stems, at all times. A fruit that falls is not followed.
+    their stems, at all times. A fruit that falls is not followed. The floor, which nobody placed,
+    is hidden where the tool goes below it.
     """
-    rows = _rows(run, times)
+    rows, up = _rows(run, times), np.asarray(world.scene.up)
+    floor = engine().mj_name2id(model, engine().mjtObj.mjOBJ_GEOM, "look:-1:floor")  # -1: none
+    if floor >= 0 and (run.rollout.tool_point @ up).min() < (ground_of(world.scene) or 0.0):
+        model.geom_group[floor] = HIDDEN
     seen, tan = _seen(world, run, rows), float(np.tan(0.5 * np.deg2rad(model.vis.global_.fovy)))
     focus = run.rollout.fruit_positions[0] if world.shown else run.rollout.tool_point[-1:]
     x, y, _ = focus.mean(axis=0)
@@ -135,31 +141,38 @@ def _seen(world: World, run: Run, rows: IntArray) -> FloatArray:
 
 
 def _clearest(world: World, model: Any, run: Run, rows: IntArray, shots: list[Shot]) -> int:
-    """The index of the shot in which tool and target, and then fruits, are hidden least."""
+    """The index of the shot in which tool and target, and then fruits, are hidden least: by rays to
+    eight points in the box around each of their parts. Glass of the tool hides no fruit."""
     mujoco = engine()
-    data, rollout = mujoco.MjData(model), run.rollout
-    groups = np.zeros(6, dtype=np.uint8)
-    groups[SHOWN] = 1
-    tool = {model.body(f"segment:{world.robot.n_segments - 1}").id}
-    if world.robot.tool is not None:
-        tool.add(model.body("tool").id)
-    hidden = np.zeros(len(shots))
-    geom = np.zeros(1, dtype=np.int32)
+    data, last = mujoco.MjData(model), world.robot.n_segments - 1
+    groups, drawn = (np.arange(6) == SHOWN).astype(np.uint8), model.geom_group == SHOWN
+    names = [model.geom(k).name for k in range(model.ngeom)]
+    tool = np.array([name.startswith(f"look:{last}:tool/") for name in names])
+    if not tool.any():
+        tool = drawn & (model.geom_bodyid == model.body(f"segment:{last}").id)
+    glass = tool & (model.mat_rgba[model.geom_matid, 3] < 1.0)
+    things = [drawn & (model.geom_bodyid == fruit.body) for fruit in world.shown]
+    clear = np.array([tool, *(own | glass for own in things)])  # geoms that hide not these
+    what, part = np.nonzero(np.array([tool, *things]))
+    weight = np.array([WEIGHT, *(WEIGHT if f.role == "target" else 1.0 for f in world.shown)])
+    weight = (weight / np.maximum(np.bincount(what, minlength=len(clear)), 1))[what].repeat(8)
+    what, part = what.repeat(8), part.repeat(8)
+    corners = np.array([*itertools.product((-WITHIN, WITHIN), repeat=3)] * (len(part) // 8))
+    local = model.geom_aabb[part, :3] + model.geom_aabb[part, 3:] * corners
+    hidden, geom, share = np.zeros(len(shots)), np.zeros(len(part), np.int32), np.zeros(len(part))
     for k in np.linspace(0, len(rows) - 1, LOOKS).astype(int):
-        row = rows[k]
-        data.qpos[:] = rollout.states[row]
+        data.qpos[:] = run.rollout.states[rows[k]]
         mujoco.mj_kinematics(model, data)
-        points = [(rollout.tool_point[row], tool, WEIGHT)]
-        for index, fruit in enumerate(world.shown):
-            weight = WEIGHT if fruit.role == "target" else 1.0
-            points.append((rollout.fruit_positions[row, index], {fruit.body, *tool}, weight))
+        turned = np.einsum("pij,pj->pi", data.geom_xmat[part].reshape(-1, 3, 3), local)
+        points = data.geom_xpos[part] + turned
         for one, each in enumerate(shots):
-            back = axes(each.azimuth, each.elevation)[2]
-            eye = each.lookat[k] + each.distance[k] * back
-            for point, mine, weight in points:
-                share = mujoco.mj_ray(model, data, eye, point - eye, groups, 1, -1, geom)
-                if 0.0 <= share < 1.0 and int(model.geom_bodyid[geom[0]]) not in mine:
-                    hidden[one] += weight
+            eye = each.lookat[k] + each.distance[k] * axes(each.azimuth, each.elevation)[2]
+            rays = (points - eye).ravel()
+            mujoco.mj_multiRay(
+                model, data, eye, rays, groups, True, -1, geom, share, None, len(part), np.inf
+            )
+            hit = (share >= 0.0) & (share < 1.0) & ~clear[what, geom]
+            hidden[one] += weight[hit].sum()
     return int(np.argmin(hidden))
 
 
@@ -318,13 +331,13 @@ def captioned(picture: Image8, run: Run, index: int, said: str = "") -> Image8:
 def _force_words(run: Run, index: int) -> str:
     """The largest force so far on any object but the target, and that object, in words."""
     rollout = run.rollout
-    others = [k for k, name in enumerate(rollout.fruit_ids) if name != run.outcome.target]
-    if not others:
-        return ""
-    peaks = rollout.fruit_force[: index + 1, others].max(axis=0)
-    most = int(np.argmax(peaks))
-    on = f" on {rollout.fruit_ids[others[most]]}" if peaks[most] > 0.0 else ""
-    return f"largest force {peaks[most]:.2f} N{on}"
+    peaks = dict(zip(rollout.fruit_ids, rollout.fruit_force[: index + 1].max(axis=0), strict=True))
+    if rollout.times[index] >= rollout.motion:  # the outcome's, which every report tells
+        peaks = dict(run.outcome.peak_force)
+    peaks.pop(run.outcome.target, None)
+    name = max(peaks, key=peaks.__getitem__, default="")
+    on = f" on {name}" if name and peaks[name] > 0.0 else ""
+    return f"largest force {peaks[name]:.2f} N{on}" if name else ""
 
 
 # choices for the eye

@@ -152,7 +152,7 @@ def photograph(
         leafy(spec, scene, pose, other)
         furnished(spec, scene, pose, other)
 
-    with Studio(world, lens=camera, more=rich if looks == "rich" else None) as studio:
+    with Studio(world, lens=camera, more=rich if looks == "rich" else None, props=True) as studio:
         model = studio.model
         painted(model, p, rng, looks)
         studio.stand(world.drives.segments(state.q))
@@ -190,7 +190,7 @@ class LiveCamera(Studio):
         self._simulation, self._on_tool = simulation, mount != "beside"
         self._stereo, self._rng = stereo or StereoParameters(), np.random.default_rng([seed, 35])
         self._pose = _mounted(mount, simulation.scene, simulation.robot)
-        super().__init__(simulation.world, lens=p.lens)
+        super().__init__(simulation.world, lens=p.lens, props=True)
         painted(self.model, p, self._rng)
         self.renderer(p.width, p.height)
 

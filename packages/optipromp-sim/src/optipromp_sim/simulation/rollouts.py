@@ -3,9 +3,11 @@
 A turn is a few references, or a whole curve. *Agents* are the :class:`Legs` of a plan, a controller
 (:class:`optipromp_sim.simulation.execute.Controlled`) and, in the benchmark, a policy, alone or
 behind a guard. *Arenas* are the arm in MuJoCo (:class:`optipromp_sim.simulation.Simulation`) and
-the benchmark's cup in flight. A real arm, and one behind messages, have clocks of their own: there
-an executor keeps the time, and asks the same controller
-(:meth:`optipromp.core.execution.executor.Follower.follow`, the node of ROS).
+the benchmark's cup in flight. An agent may sit behind messages, as in the tests of ROS's node. A
+real arm is no arena: it wants a reference at each of up to 1,000 ticks a second, and a tick that
+waited for an agent would end the motion. So its executor keeps the time, asks apart from its ticks
+(:meth:`optipromp.core.execution.executor.Follower.follow`), and rclpy calls the node. What they ask
+is the same controller (:meth:`optipromp_sim.simulation.execute.Controlled.asked`).
 """
 
 from collections.abc import Sequence
@@ -19,7 +21,7 @@ from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_sim.simulation.contacts import HarmSoFar
-from optipromp_sim.simulation.detector import Eye, Truth
+from optipromp_sim.simulation.detector import Eye
 from optipromp_sim.simulation.records import Rollout
 from optipromp_sim.simulation.simulation import FruitStates
 
@@ -129,9 +131,8 @@ class Pick(Generic[W]):
     def _see(self) -> None:
         if self.eye is None:
             return
-        now, fruits = self.arena.time, self.arena.fruits()
-        truth = Truth(fruits.ids, fruits.positions, fruits.rotations, fruits.stem_ends)
-        self.eye.see(now, self.state.q, truth)
+        now = self.arena.time
+        self.eye.see(now, self.state.q, self.arena.fruits())
         self.looks = self.eye.delivered(now)
 
     def take(self) -> None:

@@ -30,13 +30,14 @@ MATT = 0.25, 0.35
 GLOW = 0.35  # share of its colour that the floor shows in the shade
 
 
-def dressed(world: World, more: Callable[[Any], None] | None = None) -> Any:
+def dressed(world: World, more: Callable[[Any], None] | None = None, *, props: bool = False) -> Any:
     """The world's model with visible parts that touch nothing and weigh nothing.
 
     Bodies, joints and their order are the world's, so states of one model are states of the other.
     The geoms that a part covers (body spheres, the tool's solids, fruits and objects) are hidden;
     stems, and the fruits of real neighbouring clusters, are shown as they collide. The world's
     ``spec`` changes: build another world for any other use. ``more`` changes it, too, at the end.
+    ``props``: see :func:`optipromp.looks.appearance.scenery`.
     """
     spec, robot, scene = world.spec, world.robot, world.scene
     names = {body.name for body in spec.bodies}
@@ -54,7 +55,7 @@ def dressed(world: World, more: Callable[[Any], None] | None = None) -> Any:
         if not name.startswith("fruit:"):  # its body stands at the origin
             parts = tuple(part.placed(item.position, item.rotation) for part in parts)
         _add(spec, spec.body(name), parts)
-    _add(spec, base, scenery(scene))
+    _add(spec, base, scenery(scene, props=props))
     for geom in spec.geoms:
         if geom.group != SHOWN:
             covered = any(
@@ -111,7 +112,7 @@ class Studio:
 
     ``world``: that is drawn; its own ``spec`` stays as it is. ``fine``: whether edges are smoothed,
     which takes twice as long without a graphics card. ``lens``: of the camera :data:`EYE`, placed
-    by :meth:`aim`. ``more``: changes MuJoCo's spec before it is compiled.
+    by :meth:`aim`. ``more``, ``props``: see :func:`dressed`.
 
     Renderers are made at the first picture of their size, and given back by :meth:`close`: what
     changes shadows or textures of :attr:`model` comes before the first picture.
@@ -119,13 +120,13 @@ class Studio:
 
     def __init__(
         self, world: World, *, fine: bool = False, lens: CameraModel | None = None,
-        more: Callable[[Any], None] | None = None,
+        more: Callable[[Any], None] | None = None, props: bool = False,
     ) -> None:  # fmt: skip
         own = replace(world, spec=world.spec.copy())
         if lens is not None:
             angle = 2.0 * math.degrees(math.atan(0.5 * lens.height / lens.fy))
             own.spec.worldbody.add_camera(name=EYE, fovy=angle)
-        self.model = dressed(own, more)
+        self.model = dressed(own, more, props=props)
         self.model.vis.quality.offsamples = 4 if fine else 0
         self._data = engine().MjData(self.model)
         self._renderers: dict[tuple[int, int], Any] = {}

@@ -18,6 +18,7 @@ from optipromp.parts import part
 
 if TYPE_CHECKING:
     from optipromp.core.planning import Picked, Plan, Verdict
+    from optipromp.core.planning.task import Task
     from optipromp.core.robots.description import Arm
     from optipromp.core.robots.model import Robot
     from optipromp.core.scenes.scene import Scene
@@ -175,7 +176,8 @@ def _scene(item: str) -> dict[str, Any]:
     bound = resolve(scene)
     warn_of_gravity(bound.robot, bound.start[None], scene.up, "at the start")
     floor, tool = ground_of(scene), tool_faces(bound.robot, bound.start)
-    if floor is not None and (low := float((tool @ scene.up).min()) - floor) < 0.0:
+    low = 0.0 if floor is None else float((tool @ scene.up).min()) - floor
+    if low < 0.0:
         warnings.warn(
             f"at the start the tool reaches {-1e3 * low:.0f} mm below the floor that pictures show "
             "under the base, which no plan keeps clear of: state start: or a static floor",
@@ -195,10 +197,36 @@ def _scene(item: str) -> dict[str, Any]:
         "robot": bound.robot.name,
         "tool": scene.tool.kind if scene.tool is not None else None,
         "start": bound.start.tolist(),
+        **(_offered(bound) if inside or low < 0.0 else {}),
         **by_role,
         "moving": [item.id for item, _ in scene.movers],
         "goal": ", ".join(type(goal).__name__ for goal in scene.goals) or "the target",
     }
+
+
+def _offered(task: "Task") -> dict[str, Any]:
+    """A start from which a plan succeeds: the tool before the fruits, on the line of the approach,
+    in the configuration that leads to a free goal. Nothing, where there is none."""
+    import numpy as np
+
+    from optipromp.core.planning import goals
+    from optipromp.core.robots import ik
+
+    if task.scene.target is None:
+        return {}
+    away, axis = task.scene.approach.camera_distance, task.scene.frame[2]
+    line = task.camera - np.array([[0.0], [away], [2.0 * away]]) * axis
+    say_if_compiling()
+    with waiting("looking for a start"):
+        found, blocked = goals.choose(task, 0)
+        if blocked:
+            warnings.warn(f"no start can be offered: {blocked}", stacklevel=1)
+        for goal in () if blocked else found:
+            for q in ik.track(task.robot, line, np.tile(axis, (len(line), 1)), goal)[0]:
+                start = np.round(q, 3)  # as the summary is printed
+                if optipromp.plan(replace(task.scene, start=start)).success:
+                    return {"start_offered": start.tolist()}
+    return {}
 
 
 def _robot(robot: "Robot", arm: "Arm") -> dict[str, Any]:

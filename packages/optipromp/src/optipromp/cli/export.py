@@ -129,7 +129,7 @@ def report(item: Path, /, out: Path | None = None) -> Report:
         optipromp report pick --out pick.html
 
     Args:
-        item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'study' left at --out.
+        item (PLAN_DIR|ROLLOUT_DIR|STUDY_DIR): What 'plan', 'simulate' or 'bench study' left.
         out (FILE.html): Where the report goes; else beside what it reports.
     """
     from optipromp.core.output import ROWS

@@ -39,9 +39,11 @@ FURTHER = {
     "ros-node": "ros", "shadow": "loop",
     "view": "page",
     "scenarios": "paper",
-    "study": "bench", "bench": "bench", "episodes": "bench",
+    "bench": "bench", "episodes": "bench",
 }  # fmt: skip
 """The package of this project that adds each further command."""
+MOVED = {"study": "bench study presets=NAMES planners=NAMES seeds=A:B"}
+"""What is written now, by the names of commands until 0.3.0."""
 
 
 class Commands(TyperGroup):
@@ -76,6 +78,15 @@ class Commands(TyperGroup):
             sys.stderr.write(f"error INVALID_REQUEST: {cmd_name} {lacking(FURTHER[cmd_name])}\n")
             raise typer.Exit(2)
         return super().get_command(ctx, cmd_name)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """The command that is named; of one that has moved, the error says what is written now."""
+        if args[0] in MOVED:
+            sys.stderr.write(
+                f"error INVALID_REQUEST: {args[0]} is now: optipromp {MOVED[args[0]]}\n"
+            )
+            raise typer.Exit(2)
+        return super().resolve_command(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that is named; of an option that has moved, the error says where to."""

@@ -1,6 +1,6 @@
 """The looks of robots and scenes as coloured surfaces: for pages, files, films and pictures. A
 scene is fruits with a calyx, stems, objects, and the row that the fruits hang from. The row
-(gutter, hangers, posts, floor) is decoration that no plan considers, so it is drawn only where the
+(gutter, hangers, floor) is decoration that no plan considers, so it is drawn only where the
 scene has no object that the stems could hang from. An arm is the meshes of its links where they can
 be read, else smooth bodies."""
 
@@ -243,8 +243,9 @@ def _solid(row: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
     return np.asarray((box(high - low) + 0.5 * (low + high)) @ row.T)
 
 
-def scenery(scene: Scene) -> tuple[Part, ...]:
-    """Floor and, where stems hang from nothing in the scene, a gutter that they hang from."""
+def scenery(scene: Scene, *, props: bool = False) -> tuple[Part, ...]:
+    """Floor and, where stems hang from nothing in the scene, a gutter that they hang from. With
+    ``props`` also the posts and legs under it, which nobody placed: photographs have them."""
     if not len(scene.objects):
         return ()
     hanging = [
@@ -275,7 +276,7 @@ def scenery(scene: Scene) -> tuple[Part, ...]:
         parts += _table(row, holding, roots, level)
     elif len(roots) and local[:, 2].max() > 0.1:  # not under the arm's base
         parts += _gutter(row, local, level)
-    return tuple(parts)
+    return tuple(part for part in parts if props or part.name not in ("posts", "legs"))
 
 
 def _gutter(row: FloatArray, roots: FloatArray, ground: float) -> list[Part]:

@@ -19,9 +19,11 @@ from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.legs import legs_of, takes
 from optipromp.core.scenes.io import scene_from_dict
 from optipromp.looks.viewer import html
+from optipromp.looks.viewer.drawn import pushed
 from optipromp.looks.viewer.figures import changed_terms, cost_figure, joint_figure, png
 from optipromp.looks.viewer.html import DPI, HEIGHT, frame
 from optipromp.looks.viewer.reach import reach_figure
+from optipromp.looks.viewer.sentences import complaint, sentences
 from optipromp.looks.viewer.serving import plan_page, scene_page
 from optipromp.looks.viewer.words import plan_rows, seconds
 from optipromp.parts import added
@@ -128,7 +130,10 @@ def plan_report(folder: Path | str) -> bytes:
     kind = "good" if made.success else "bad"
     total = seconds(plan.time.get("total", math.nan))
     told = paragraph(f"{made.status}, the reach in {total}", f"status {kind}")
-    head = f"<h1>{escape(title)}</h1>{told}{paragraph(made.message)}"
+    words = sentences(made, pushed(made).shifts()) if made.success else (complaint(made),)
+    outcome = _outcome(folder)
+    run = paragraph(f"In the physics simulation: {outcome[0]}.") if outcome else ""
+    head = f"<h1>{escape(title)}</h1>{told}{paragraph(' '.join(words))}{run}"
     figures = [
         ("The arm, and the cluster along two axes", reach_figure(plan)),
         ("Joints over time", joint_figure(made)),
@@ -142,7 +147,7 @@ def plan_report(folder: Path | str) -> bytes:
         head,
         _shown(lambda: plan_page(made), "Turn it with the mouse; pushed fruits move as predicted."),
         section("Pictures", *(picture(png(figure, DPI), name) for name, figure in figures)),
-        section("Metrics", table(plan_rows(made))),
+        section("Metrics", table([*plan_rows(made), ("judged", made.message)])),
         *_beside_paper(plan),
         *(section("Touches that must not be", each) for each in touches),
         *_run(folder),
@@ -162,7 +167,8 @@ def run_report(folder: Path | str) -> bytes:
     title = f"{scene.name}: executed in the physics simulation"
     view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
     made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
-    return _fitted(title, [f"<h1>{escape(title)}</h1>", view, *_run(folder), made], folder)
+    head = f"<h1>{escape(title)}</h1>{paragraph(f'{_outcome(folder)[0]}.', 'status')}"
+    return _fitted(title, [head, view, *_run(folder), made], folder)
 
 
 def _fitted(title: str, parts: list[str], folder: Path) -> bytes:
@@ -196,17 +202,24 @@ def _beside_paper(plan: Plan) -> list[str]:
 
 
 def _run(folder: Path) -> list[str]:
-    """The outcome of the simulated run beside the plan."""
+    """The section of the simulated run beside the plan."""
+    told = _outcome(folder)
+    return [section("In the physics simulation", table(told[1]))] if told else []
+
+
+def _outcome(folder: Path) -> tuple[str, list[tuple[str, str]]] | None:
+    """The outcome of the simulated run in a line, and its figures; None where there is none."""
     path = folder / "outcome.json"
     if not is_file(path):
-        return []
+        return None
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         good = "picked, nothing harmed" if found["picked"] else "nothing harmed"
+        good, force = good if found["success"] else f"{found['cause']}", found["unripe_peak_force"]
         rows = [
-            ("outcome", good if found["success"] else f"{found['cause']}"),
+            ("outcome", good),
             ("in words", found["message"]),
-            ("largest force on what is not to be picked", f"{found['unripe_peak_force']:.2f} N"),
+            ("largest force on what is not to be picked", f"{force:.2f} N"),
             *(
                 (f"force on {name}", f"{force:.2f} N")
                 for name, force in found["peak_force"].items()
@@ -218,7 +231,7 @@ def _run(folder: Path) -> list[str]:
         raise InvalidRequestError(
             f"{path}: not an outcome that 'simulate' left ({error})"
         ) from None
-    return [section("In the physics simulation", table(rows))]
+    return f"{good}; largest force on what is not to be picked {force:.2f} N", rows
 
 
 def _settings(plan: Plan) -> list[tuple[str, str]]:

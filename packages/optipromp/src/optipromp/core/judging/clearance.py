@@ -306,8 +306,8 @@ def swept(
         return None if times is None else float(times[int(at)])
 
     contacts: list[Overlap] = []
-    for part in parts_of(scene, robot):
-        body, (objects, rest) = body_of(part.robot), objects_of(scene, part.rows)
+    for part in parts_of(scene.world, robot):
+        body, (objects, rest) = body_of(part.robot), objects_of(scene.world, part.rows)
         count = len(objects.kind)
         depth, deepest = np.full(count, np.inf), np.zeros((2, count), dtype=np.int64)
         advance(body, objects, q, points, axes, closest, core, depth, deepest, apart)
@@ -394,7 +394,7 @@ def pushed_away(
     met = {contact.other for contact in contacts if contact.role == "pushable"}
     if not met:
         return list(contacts), []
-    objects, _ = objects_of(scene)
+    objects, _ = objects_of(scene.world)
     indices = np.flatnonzero(objects.role == PUSHABLE)
     loose = {
         item.id: k
@@ -467,8 +467,8 @@ def nearest_static(
     """
     q, unused = np.array(q, dtype=np.float64, order="C"), np.empty((len(q), 3))
     found: list[tuple[float, int, int, tuple[str, str]]] = []
-    for part in parts_of(scene, robot):
-        mine, (objects, rest) = _moving(part.robot), objects_of(scene, part.rows)
+    for part in parts_of(scene.world, robot):
+        mine, (objects, rest) = _moving(part.robot), objects_of(scene.world, part.rows)
         if not scene.static or not len(mine.spheres.radius):
             continue
         body, count = body_of(mine), len(objects.kind)

@@ -5,7 +5,7 @@ Kernels measure simple shapes; meshes and point clouds are measured in NumPy. No
 
 import functools
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import hypot, sqrt
 from typing import Any, NamedTuple
 
@@ -21,6 +21,7 @@ STATIC, AVOID, AVOID_BY_TOOL, PUSHABLE, STEM = range(5)  # roles; rows of smalle
 ROLES: dict[Role, int] = {"static": STATIC, "avoid": AVOID, "pushable": PUSHABLE}
 BLOCK = 4  # objects in a block; of 4, 8, 16 and 32 the fastest among 1,000 obstacles
 CELL = 0.05  # [m] edge of a cell whose objects are neighbours; about the size of a fruit
+PAIRS = 50_000  # of points and triangles measured at once, which take about 30 MB: chosen
 
 
 class Objects(NamedTuple):
@@ -271,11 +272,19 @@ def _to_shape(shape: shapes.Shape, points: FloatArray) -> FloatArray:
     """Signed distances (N,) [m] of ``points`` (N, 3), in the shape's frame, to its surface."""
     if isinstance(shape, shapes.PointCloudShape):
         return np.asarray(_tree(shape).query(points)[0]) - shape.radius
-    mesh = shape.mesh(shapes.FINE)
-    corners = mesh.vertices[mesh.faces]
-    return np.concatenate(
-        [_to_triangles(corners, points[low : low + 256]) for low in range(0, len(points), 256)]
-    )
+    triangles, middles, wide = _surface(shape.mesh(shapes.FINE))
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    # no triangle whose middle is farther than the nearest middle by ``wide`` is the nearest one
+    most = middles.query(points)[0] + wide
+    near = middles.query_ball_point(points, most * (1.0 + 1e-9))
+    row = np.repeat(np.arange(len(points)), [len(rows) for rows in near])
+    pairs = np.stack([row, np.fromiter(chain.from_iterable(near), np.int64, len(row))])
+    out = np.full(len(points), np.inf)
+    for one, own in np.split(pairs, range(PAIRS, len(row), PAIRS), axis=1):
+        np.minimum.at(out, one, _to_triangles(triangles[own] - points[one, None]))
+    for k in np.flatnonzero(((points >= low) & (points <= high)).all(axis=1)).tolist():
+        out[k] *= 1.0 - 2.0 * (abs(_winding(triangles - points[k])) > 0.5)
+    return out
 
 
 @functools.lru_cache(maxsize=4)
@@ -285,26 +294,40 @@ def _tree(cloud: shapes.PointCloudShape) -> Any:
     return cKDTree(cloud.points)
 
 
-def _to_triangles(corners: FloatArray, points: FloatArray) -> FloatArray:
-    """Signed distances (N,) [m] of points (N, 3) to a closed surface of triangles (F, 3, 3).
+@functools.lru_cache(maxsize=64)
+def _surface(mesh: shapes.MeshShape) -> tuple[FloatArray, Any, float]:
+    """The triangles (F, 3, 3) of a mesh, a tree of their middles, and the largest distance of a
+    corner from its middle [m]."""
+    from scipy.spatial import cKDTree
 
-    The sign is that of the solid angle of the surface (Van Oosterom and Strackee, 1983).
-    """
-    a, b, c = (corners[:, i] - points[:, None] for i in range(3))
+    triangles = mesh.vertices[mesh.faces]
+    middles = triangles.mean(axis=1)
+    far = lengths((triangles - middles[:, None]).reshape(-1, 3))
+    return triangles, cKDTree(middles), float(far.max())
+
+
+def _winding(corners: FloatArray) -> float:
+    """Turns of a closed surface of triangles (F, 3, 3) about the origin: its solid angle (Van
+    Oosterom and Strackee, 1983)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     la, lb, lc = (np.linalg.norm(v, axis=-1) for v in (a, b, c))
     below = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
-    winding = 2.0 * np.arctan2(_dot(a, np.cross(b, c)), below).sum(axis=1) / (4.0 * np.pi)
+    return float(2.0 * np.arctan2(_dot(a, np.cross(b, c)), below).sum() / (4.0 * np.pi))
+
+
+def _to_triangles(corners: FloatArray) -> FloatArray:
+    """Distances (N,) [m] of the origin to triangles (N, 3, 3)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
     normal = np.cross(b - a, c - a)
     foot = (_dot(a, normal) / _dot(normal, normal))[..., None] * normal
-    above = np.ones(la.shape, dtype=bool)
-    edges = np.full(la.shape, np.inf)
+    above = np.ones(len(corners), dtype=bool)
+    edges = np.full(len(corners), np.inf)
     for first, second in ((a, b), (b, c), (c, a)):
         edge = second - first
         above &= _dot(np.cross(edge, foot - first), normal) >= 0
         share = np.clip(-_dot(first, edge) / _dot(edge, edge), 0, 1)
         edges = np.minimum(edges, np.linalg.norm(first + share[..., None] * edge, axis=-1))
-    distance = np.where(above, np.linalg.norm(foot, axis=-1), edges).min(axis=1)
-    return np.asarray(np.where(np.abs(winding) > 0.5, -distance, distance))
+    return np.asarray(np.where(above, np.linalg.norm(foot, axis=-1), edges))
 
 
 def _dot(a: FloatArray, b: FloatArray) -> FloatArray:

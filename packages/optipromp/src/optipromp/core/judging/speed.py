@@ -345,7 +345,7 @@ def too_fast(scene: Scene, speed: float | None) -> bool:
 
 def _touching(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
     """Whether any part of the body is near the first place of an object that stands, at ``q``."""
-    objects, rest = distances.objects_of(scene)
+    objects, rest = distances.objects_of(scene.world)
     loose = np.flatnonzero(objects.role == distances.PUSHABLE)
     held = [item.stem is None for item in scene.objects_at(objects.rows[loose])]
     loose, near = loose[np.array(held, dtype=bool)], np.zeros(len(q), dtype=bool)

@@ -73,7 +73,7 @@ def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried
         if clock() > end:
             return
         approach = replace(scene.approach, direction=direction, shift=shift)
-        other = approached(task, replace(scene, approach=approach))
+        other = approached(task, scene.approached(approach))
         model = other.push_model(task.robot.home)
         if model is None:
             continue

@@ -61,7 +61,7 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
     cone = approach.cone if from_side(scene) or approach.cone is not None else 0.0
     aside = 0.0 if approach.aside is None else approach.aside
     approach = replace(approach, shift=above - target.position, cone=cone, aside=aside)
-    return replace(scene, approach=approach)
+    return scene.approached(approach)
 
 
 def hung(scene: Scene, robot: Robot, q: FloatArray) -> tuple[Attached, PathConstraints]:

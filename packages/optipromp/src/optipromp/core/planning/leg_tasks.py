@@ -154,15 +154,15 @@ def carried(before: Plan, place: Place) -> tuple[Scene, Robot]:
     ), robot  # fmt: skip
 
 
-def _fixed(item: SceneObject) -> Iterator[SceneObject]:
+@functools.lru_cache(maxsize=2048)  # by identity: every way out asks for it
+def _fixed(item: SceneObject) -> tuple[SceneObject, ...]:
     """A static object in the place of a fruit or a thing, and one for each piece of its stem."""
     if item.role == "static":
-        yield item
-        return
-    yield SceneObject(item.id, "static", item.shape, item.position, item.orientation, padding=0.0)
+        return (item,)
+    pieces = [(item.id, item.shape, item.position, item.orientation)]
     for k, (shape, middle, turn) in enumerate(() if item.stem is None else item.stem.pieces()):
-        id_ = f"{item.id}:stem:{k}"
-        yield SceneObject(id_, "static", shape, middle, to_quaternion(turn), padding=0.0)
+        pieces.append((f"{item.id}:stem:{k}", shape, middle, to_quaternion(turn)))
+    return tuple(SceneObject(id_, "static", *one, padding=0.0) for id_, *one in pieces)
 
 
 def stands(scene: Scene) -> bool:
@@ -265,7 +265,7 @@ def full_model(reach: Plan, robot: Robot) -> Hanging | None:
         return None
 
     first = min(hanging, key=lambda item: math.dist(item.position, target.position))
-    seen = replace(aimed(scene, first.id, [target.id]), place=None)
+    seen = aimed(replace(scene, place=None) if scene.place else scene, first.id, [target.id])
     left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
     full = replace(Mounted.of(robot.tool), full=True)
     return Hanging(
@@ -281,7 +281,9 @@ def aimed(scene: Scene, target: str, picked: Collection[str] = ()) -> Scene:
     return replace(
         scene,
         name=f"{scene.name}-{target}",
-        objects=rooted(replace(item, role=roles.get(item.id, item.role)) for item in left),
+        objects=rooted(
+            replace(item, role=roles[item.id]) if item.id in roles else item for item in left
+        ),
         goal=None,
         may_touch=pairs_among(scene.may_touch, picked),
     )

@@ -34,7 +34,16 @@ from optipromp.core.planning.leg_tasks import (
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.plan import Request, plan
-from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Proposal, cheapest
+from optipromp.core.planning.result import (
+    CARRY,
+    LIFT,
+    REACH,
+    RETREAT,
+    Plan,
+    Proposal,
+    Said,
+    cheapest,
+)
 from optipromp.core.planning.task import robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
@@ -135,19 +144,23 @@ def plan_pick(
     settings = search.planner if isinstance(search.planner, Timed) else search.options
     with one_thread():
         legs = next(cheapest(picks(search.reaches(), settings), search.late))
-    return brought(legs, **request | {"progress": progress})
+    if RETREAT not in legs or not legs[RETREAT].success or scene.place is None:
+        return Picked(legs)
+    if clock() + legs[REACH].time["total"] > search.late:  # a carry takes about as long as a reach
+        return Picked(legs | {RETREAT: timed_out(legs[RETREAT], "the carry")})
+    scene, robot = carry_scene(legs)
+    left = search.began + search.options.timeout - clock()
+    asked = request | {"progress": progress, "robot": robot, "timeout": left}
+    carry = plan(scene, **asked)
+    if cuts(legs[REACH].scene, robot.tool) and carry.success:
+        made = steady(legs[REACH].scene, robot, carry.trajectory)
+        carry = replace(leg(carry.task, made, carry.time["total"]), planner=carry.planner)
+    return Picked(legs | {CARRY: carry})
 
 
-def brought(legs: Legs, **request: Any) -> Picked:
-    """A pick of some legs, with the carry after them where the scene has a place."""
-    if RETREAT in legs and legs[RETREAT].success and legs[REACH].scene.place is not None:
-        scene, robot = carry_scene(legs)
-        carry = plan(scene, **request | {"robot": robot})
-        if cuts(legs[REACH].scene, robot.tool) and carry.success:
-            made = steady(legs[REACH].scene, robot, carry.trajectory)
-            carry = replace(leg(carry.task, made, carry.time["total"]), planner=carry.planner)
-        legs = legs | {CARRY: carry}
-    return Picked(legs)
+def timed_out(leg: Plan, what: str) -> Plan:
+    """A leg of a pick for whose rest, ``what``, there was no time."""
+    return replace(leg, status=Code.TIMEOUT, said=Said(f"time ran out before {what}: ", leg.said))
 
 
 def picks(reaches: Iterable[Proposal[Plan]], settings: Timed) -> Iterator[Proposal[Legs]]:
@@ -182,8 +195,13 @@ def hopeful(reach: Plan) -> bool:
 
 
 def outs(reach: Plan, settings: Timed) -> Iterator[Proposal[Legs]]:
-    """Proposals of a reach with the legs by which the tool leaves the plant."""
-    return (lifted if stands(reach.scene) else retreats)(reach, settings)
+    """Proposals of a reach with the legs by which the tool leaves the plant.
+
+    Where time runs out before there is one, the reach alone is left.
+    """
+    find = lifted if stands(reach.scene) else retreats
+    yield Proposal((True, 2, 0.0), {REACH: timed_out(reach, "a way out was found")})
+    yield Proposal((False, False, 0.0), partial(find, reach, settings))
 
 
 def led_out(reach: Plan, options: PlanOptions = DEFAULTS) -> Legs:

@@ -104,9 +104,9 @@ class PlanOptions(Searched):
     A planner that is a value has its own settings.
 
     Attributes:
-        timeout: wall time of planning [s], without reading the scene's file and compiling. After
-            it, the best trajectory so far is returned; the status is TIMEOUT if this trajectory is
-            not valid or nothing has been optimised yet.
+        timeout: wall time of planning, of a pick that of all its legs, without reading the scene's
+            file and compiling [s]. After it, the best trajectory so far is returned; the status is
+            TIMEOUT if this trajectory is not valid or nothing has been optimised yet.
         effort: number of steps of work, at most: iterations, candidates and batches of samples. It
             ends a plan as the timeout does, at the same place on every machine. None: no limit.
         risk: share of promised successes that may be broken, over many scenes. It sets the largest

@@ -99,6 +99,11 @@ def _built_in(name: str, basis: Basis) -> ProMP:
         return fit(load_demonstrations(path), basis)
 
 
+def is_learnt(robot: Robot, demonstrations: object) -> bool:
+    """Whether :func:`learnt` has demonstrations: given ones, or built-in ones of the joints."""
+    return demonstrations is not None or built_in_twin(robot, RECORDED) is not None
+
+
 def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis = BASIS) -> ProMP:
     """The ProMP of a plan, widened by a little of the smooth prior.
 
@@ -110,8 +115,8 @@ def learnt(task: Task, demonstrations: ProMP | str | Path | None, basis: Basis =
     robot = task.robot
     if demonstrations is not None:
         promp = _given(demonstrations, basis, robot)
-    elif (known := built_in_twin(robot, RECORDED)) is not None:
-        promp = _built_in(known, basis)
+    elif is_learnt(robot, demonstrations):
+        promp = _built_in(str(built_in_twin(robot, RECORDED)), basis)
     else:
         promp = smooth_prior(robot, basis, task.start)
         _tell_unlearnt(robot.name, robot.joint_names)

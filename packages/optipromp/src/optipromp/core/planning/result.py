@@ -63,23 +63,27 @@ class Proposal(NamedTuple, Generic[Made]):
 def cheapest(proposals: Iterable[Proposal[Made]], late: float = math.inf) -> Iterator[Made]:
     """The motions of proposals, those of least rank first.
 
-    The work of least bound is done first; of equal ones, that which is nearest to a motion. No work
-    is begun after ``late`` [s], a time of the plan's clock, once there is a motion.
+    The work of least bound is done first; of equal ones, that which is nearest to a motion. Once
+    there is a motion, no work is begun that would end after ``late`` [s], a time of the plan's
+    clock, if it took as long as the longest work so far.
     """
     waiting, order, some = list[tuple[Any, int, int, Any]](), itertools.count(), False
+    longest = 0.0
 
     def wait(new: Iterable[Proposal[Made]], depth: int) -> None:
-        nonlocal some
+        nonlocal some, longest
+        began = clock()
         for rank, make in new:
             some |= not callable(make)
             heapq.heappush(waiting, (rank, -depth, next(order), make))
+        longest = max(longest, clock() - began)
 
     wait(proposals, 0)
     while waiting:
         _, depth, _, make = heapq.heappop(waiting)
         if not callable(make):
             yield make
-        elif not some or clock() <= late:
+        elif not some or clock() + longest <= late:
             wait(make(), 1 - depth)
 
 

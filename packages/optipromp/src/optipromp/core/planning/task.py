@@ -112,7 +112,7 @@ class Task:
     @functools.cached_property
     def surroundings(self) -> Surroundings:
         """Obstacles by role, packed when they are first read."""
-        return surroundings_of(self.scene, self.robot)
+        return surroundings_of(self.scene.world, self.robot)
 
     @functools.cached_property
     def _models(self) -> dict[bytes, PushModel | None]:

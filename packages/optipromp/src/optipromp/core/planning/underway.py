@@ -350,7 +350,7 @@ def _in(task: Task, made: Plan, before: Trajectory | None) -> Plan:
         first += before.n_waypoints - 1
     trajectory, initial, followed = curves
     if made.task.scene.approach is not task.scene.approach:  # another was chosen
-        scene = replace(task.scene, approach=made.task.scene.approach)
+        scene = task.scene.approached(made.task.scene.approach)
         task = replace(task, scene=scene, goal=made.task.goal)
     judged = verdict(task, trajectory)
     mine = judged.status is Code.SUCCESS or made.status in JUDGED

@@ -576,6 +576,8 @@ def rooted(objects: Iterable[SceneObject]) -> tuple[SceneObject, ...]:
     For objects that have moved one by one. A stem whose parent is missing gets a fixed root.
     """
     items = list(objects)
+    if all(item.stem is None or item.stem.parent is None for item in items):
+        return tuple(items)
     here = {item.id: item for item in items}
     for item in items:
         stem = item.stem

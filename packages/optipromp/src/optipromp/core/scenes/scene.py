@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -327,6 +328,18 @@ class Scene(Shown, Framed):
     def up(self) -> FloatArray:
         """(3,) the world's upward vertical in the base frame, opposite to gravity."""
         return frozen(self.base.rotation[2])
+
+    @property
+    def world(self) -> Scene:
+        """The first of the scenes that differ from this one in their approach alone."""
+        return vars(self).get("_world", self)
+
+    def approached(self, approach: Approach) -> Scene:
+        """The scene with another approach. Nothing that the objects alone decide is worked out
+        again, where it is asked of :attr:`world`."""
+        other = copy.copy(self)
+        vars(other).update(approach=approach, _world=self.world)
+        return other
 
     def standing(self, when: Mapping[str, float]) -> Scene:
         """The scene whose objects stand where they are at times ``when`` [s], by id."""

@@ -34,7 +34,7 @@ _RIM = 0.15  # of the width of an object to avoid; a close view that shows less 
 _NOW, _END = 0.34, 0.14  # opacity of the tool in the close views, at the moment and at the end
 _DOWN = 0.7  # of the vertical in a direction of sight that is called down: 45 degrees
 _DOTS = 0.015  # [m] between the dots of the chosen tool path
-WORDS = {"conditioned ProMP": "learnt motion", "followed path": "led past the fruits"}
+WORDS = {"conditioned ProMP": "movement primitive", "followed path": "led past the fruits"}
 
 
 def reach_figure(plan: Plan, words: Mapping[str, str] = WORDS) -> Figure:
