@@ -20,6 +20,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.attempt import STILL
+from optipromp.core.planning.cutting import cuts, steady
 from optipromp.core.planning.leg_tasks import (
     carry_scene,
     distance_of,
@@ -143,7 +144,11 @@ def plan_pick(
     scene, robot = carry_scene(legs)
     left = search.began + search.options.timeout - clock()
     asked = request | {"progress": progress, "robot": robot, "timeout": left}
-    return Picked(legs | {CARRY: plan(scene, **asked)})
+    carry = plan(scene, **asked)
+    if cuts(legs[REACH].scene, robot.tool) and carry.success:
+        made = steady(legs[REACH].scene, robot, carry.trajectory)
+        carry = replace(leg(carry.task, made, carry.time["total"]), planner=carry.planner)
+    return Picked(legs | {CARRY: carry})
 
 
 def timed_out(leg: Plan, what: str) -> Plan:
