@@ -141,7 +141,7 @@ def test_every_message_of_the_page_on_troubleshooting_is_one_of_ours() -> None:
     assert f"more than {1e3 * most.tracking_error:g} mm off its path" in page
 
 
-@pytest.mark.parametrize("name", ["my_crop", "my_loop", "my_recording", "my_robot"])
+@pytest.mark.parametrize("name", ["my_crop", "my_loop", "my_policy", "my_recording", "my_robot"])
 def test_a_notebook_and_its_page_are_those_of_its_script(name: str) -> None:
     script = runpy.run_path(str(ROOT / "scripts/notebooks.py"))
     found = script["cells"]((ROOT / f"examples/notebooks/{name}.py").read_text("utf-8"))

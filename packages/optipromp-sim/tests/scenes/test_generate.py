@@ -10,7 +10,7 @@ from tests.scenes.sampled import made
 
 from optipromp.core import judging
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry import Box, Sphere, distances
+from optipromp.core.geometry import Box, Capsule, Ellipsoid, Sphere, distances
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import ik
 from optipromp.core.robots.ik import rolled
@@ -24,7 +24,7 @@ SEEDS = range(12)
 BUNCHES = [
     preset
     for preset in PRESETS
-    if preset not in ("shelf", "elongated", "truss", "field", "wild", "standing")
+    if preset not in ("shelf", "elongated", "truss", "field", "wild", "standing", "vine")
 ]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
@@ -111,10 +111,13 @@ def test_limp_stems_hang_plumb(scenes) -> None:
             assert way[2] >= np.cos(np.deg2rad(2.0)) - 1e-12
 
 
-def test_beds_are_of_mushrooms_and_asparagus(scenes) -> None:
+def test_beds_and_vines_are_of_the_crops_they_name(scenes) -> None:
     beds = of(scenes, "standing")
     assert {scene.tool.kind for scene in beds} == {"suction", "finger_gripper"}
     assert all(item.stem.vector[2] < 0.0 for scene in beds for item in scene.pushables)
+    vines = of(scenes, "vine")
+    assert {type(scene.target.shape) for scene in vines} == {Capsule, Ellipsoid}
+    assert all(abs(scene.frame[2] @ scene.up) < 1e-9 for scene in vines)
 
 
 def test_long_fruits_lie_along_their_stems_and_apart(scenes) -> None:

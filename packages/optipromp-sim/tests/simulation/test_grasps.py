@@ -8,7 +8,10 @@ import pytest
 import yaml
 from tests.robots.builders import prism, write_obj
 
+from optipromp.core.geometry import Box
 from optipromp.core.planning import plan
+from optipromp.core.planning.legs import plan_pick
+from optipromp.core.planning.parameters import CUTTING
 from optipromp.core.robots import FingerGripper, MeshTool, Scissor, ik, load_robot, with_tool
 from optipromp.core.robots.ik import level
 from optipromp.core.robots.mounted import Mounted
@@ -16,6 +19,7 @@ from optipromp.core.robots.tools import make_tool
 from optipromp.core.scenes import (
     JointGoal,
     PoseGoal,
+    SceneObject,
     ToolSpec,
     load_scene,
     save_scene,
@@ -60,8 +64,8 @@ def test_a_scissor_cuts_the_stem_of_the_target() -> None:
     assert list(run.outcome.to_dict()["cut"]["stems"]) == ["ripe"]
     assert run.rollout.attached[0, 0]
     assert not run.rollout.attached[-1, 0]
-    height = run.rollout.fruit_positions[:, 0] @ scene.up
-    assert height[-1] < height[0] - 0.01  # it falls
+    away = np.linalg.norm(run.rollout.fruit_positions[:, 0] - run.rollout.tool_point, axis=1)
+    assert away[-30:] == pytest.approx(away[-1], abs=1e-3)  # it hangs from the blades
 
 
 def test_a_scissor_that_ends_at_the_fruit_cuts_nothing() -> None:
@@ -88,6 +92,40 @@ def test_a_stem_between_the_blades_that_is_not_the_targets_is_told() -> None:
     run = simulate(made.trajectory, replace(scene, objects=(ripe, low)), robot=made.robot)
     assert Cause.CUT_OTHER in run.outcome.causes
     assert not run.success
+
+
+@pytest.mark.parametrize("opening", [0.04, 0.12])
+def test_a_pepper_that_is_cut_from_the_side_hangs_from_the_blades(opening) -> None:
+    scene = generate("vine", 10)
+    tool = ToolSpec("scissor", {**scene.tool.parameters, "opening": opening})
+    picked = plan_pick(replace(scene, tool=tool))
+    assert picked.success, picked.message
+    run = simulate(picked)
+    assert run.success, run.outcome.message
+    assert run.outcome.cut.stems == ("ripe",)
+    assert not run.outcome.torn
+    rollout, target = run.rollout, scene.target
+    after = rollout.times > run.outcome.cut.time
+    off = (rollout.fruit_positions[:, 0] - rollout.tool_point)[after]
+    away, plumb = np.linalg.norm(off, axis=1), -off @ scene.up
+    line = target.stem.vector / np.linalg.norm(target.stem.vector)
+    most = np.arccos(line @ scene.up) + CUTTING.sway + CUTTING.tilt
+    assert np.ptp(away) < 2e-3
+    assert np.arccos(plumb / away).max() < most + 0.1  # the stem is up to 6 mm off the tool point
+    assert np.linalg.norm(rollout.tool_point[-1] - rollout.tool_point[after][0]) > 0.09
+
+
+def test_what_the_hanging_fruit_would_meet_on_the_way_out_is_told() -> None:
+    """A post that the blades pass over, and the fruit below them does not."""
+    scene = generate("vine", 10)
+    ripe, ahead = scene.target, scene.frame[2]
+    place = ripe.position - (ripe.radius + 0.03) * ahead
+    wall = SceneObject("wall", "static", Box((0.01, 0.3, 0.06)), place)
+    walled = replace(scene, objects=(*scene.objects, wall))
+    assert plan(walled).success
+    legs = plan_pick(walled).legs
+    assert not legs["retreat"].success
+    assert "ripe enters wall" in legs["retreat"].message
 
 
 def test_blades_from_the_side_cut_the_stem_nearest_the_goal() -> None:

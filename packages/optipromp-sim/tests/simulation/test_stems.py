@@ -286,4 +286,5 @@ def test_fruits_stand_on_stems_from_below(lean):
 
 
 def test_a_bed_stands():
-    assert max(moved(generate("standing", 170001), 170001, 5.0).values()) < 2e-3
+    for preset in ("standing", "vine"):
+        assert max(moved(generate(preset, 170001), 170001, 5.0).values()) < 2e-3

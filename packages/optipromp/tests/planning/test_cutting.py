@@ -1,17 +1,23 @@
-"""Where a scissor cuts: on the target's stem, a distance above the fruit."""
+"""Where a scissor cuts, on the target's stem above the fruit, and how the fruit hangs from it."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 from tests.robots.builders import INNER
 
+from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Box
-from optipromp.core.planning.task import aimed_at_stem
+from optipromp.core.planning.cutting import aimed_at_stem, hung, steady
+from optipromp.core.planning.parameters import CUTTING
+from optipromp.core.planning.task import resolve
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import Cup, Mounted, Scissor, Solid
 from optipromp.core.robots.mounted import Load
 from optipromp.core.scenes import Scene, Stem
+from optipromp.core.scenes.rotations import from_quaternion
+from optipromp.core.trajectory import Trajectory
 from optipromp_sim.generate import generate
 
 BLADES = Scissor(0.06, blade_length=0.09, depth=0.008)
@@ -82,3 +88,81 @@ def test_the_push_model_tells_whether_the_stem_ends_between_the_blades(aside, mi
     assert model.led(0, points, axes).harm.missed is missed
     below = points - 0.02 * z_g
     assert model.led(0, below, axes).harm.missed
+
+
+def vine() -> Scene:
+    """A pepper with a green one beside it, cut from the side."""
+    return generate("vine", 10)
+
+
+def test_from_the_side_the_axis_may_vary_and_the_place_may_not() -> None:
+    approach = resolve(vine()).scene.approach
+    assert (approach.cone, approach.aside) == (None, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("aside", "missed"),
+    [((0, 0, 0), False), ((0, 0.013, 0), False), ((0, 0.04, 0), True), ((0, 0, -0.03), True)],
+)
+def test_the_push_model_tells_stems_between_blades_from_the_side(aside, missed) -> None:
+    """Along x_g, the stem, y_g, the opening, and z_g, the approach."""
+    task = resolve(vine())
+    scene = replace(task.scene, objects=(task.scene.target,))
+    z_g = scene.frame[2]
+    model = Hanging(scene, task.robot.tool, (), scene.aim - 0.1 * z_g, INNER)
+    points = scene.aim + aside @ scene.frame + np.linspace(-0.1, 0.0, 60)[:, None] * z_g
+    assert model.led(0, points, np.tile(z_g, (60, 1))).harm.missed is missed
+
+
+def test_another_stem_between_the_blades_is_harm() -> None:
+    task = resolve(vine())
+    scene, target = task.scene, task.scene.target
+    z_g, beside = scene.frame[2], -0.02 * scene.frame[2] + 0.001 * scene.frame[1]
+    stem = replace(target.stem, points=target.stem.points + beside)
+    other = replace(target, id="n", role="pushable", position=target.position + beside, stem=stem)
+    scene = replace(scene, objects=(target, other))
+    model = Hanging(scene, task.robot.tool, (other,), scene.aim - 0.1 * z_g, INNER)
+    points = scene.aim + np.linspace(-0.1, 0.0, 60)[:, None] * z_g
+    assert model.led(0, points, np.tile(z_g, (60, 1))).harm.inside > 0.03
+
+
+@pytest.mark.parametrize("seed", [0, 1, 10])
+def test_the_fruit_that_hangs_is_held_by_its_shape_wherever_it_swings(seed) -> None:
+    """Turned about the place of the cut, from plumb, by up to lean, sway and tilt together."""
+    task = resolve(generate("vine", seed))
+    scene, target, robot = task.scene, task.scene.target, task.robot
+    fruit, path = hung(scene, robot, robot.home)
+    axes = robot.segment_frames(robot.home)[1][-1] @ robot.tool_rotation
+    np.testing.assert_allclose(axes @ path.upright.axis, scene.up, atol=1e-9)
+    pivot = target.position + scene.approach.shift
+    solid = pack([(fruit.shape, fruit.position, from_quaternion(fruit.orientation))])
+    own = target.shape.mesh().vertices @ target.rotation.T + target.position - pivot
+    line = target.stem.vector / np.linalg.norm(target.stem.vector)
+    most = np.arccos(line @ scene.up) + CUTTING.sway + CUTTING.tilt
+    plumb = Rotation.align_vectors([scene.up], [line])[0]
+    for turn in np.linspace(0.0, 2.0 * np.pi, 9):
+        swing = Rotation.from_rotvec(most * np.array([np.cos(turn), np.sin(turn), 0.0]))
+        away, _ = distances(solid, (swing * plumb).apply(own) @ axes)
+        assert away.max() < 2e-3
+
+
+def test_a_steady_motion_sways_a_pendulum_as_little_as_it_says() -> None:
+    """The pendulum is integrated, as long as the cut is from the fruit's centre."""
+    task = resolve(vine())
+    robot, q = task.robot, task.robot.home + np.linspace(0.0, 0.3, 40)[:, None] * np.eye(7)[0]
+    fast = Trajectory.through(q, 0.01, robot.joint_names)
+    long = float(np.linalg.norm(task.scene.approach.shift))
+    sways = []
+    for motion in (fast, steady(task.scene, robot, fast)):
+        times = np.arange(0.0, motion.duration + 3.0, 1e-3)
+        points, _ = robot.tool_pose(motion.sample(times)[0])
+        gain = np.gradient(np.gradient(points, 1e-3, axis=0), 1e-3, axis=0)[:, :2]
+        swing, speed = np.zeros((2, 2))
+        most = 0.0
+        for a in gain:
+            speed -= 1e-3 * (9.81 * swing + a) / long
+            swing = swing + 1e-3 * speed
+            most = max(most, float(np.linalg.norm(swing)))
+        sways.append(most)
+    assert sways[0] > CUTTING.sway
+    assert 0.1 * CUTTING.sway < sways[1] <= CUTTING.sway

@@ -13,6 +13,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Sphere
 from optipromp.core.planning.collision import free
+from optipromp.core.planning.cutting import aimed_at_stem
 from optipromp.core.planning.task import resolve
 from optipromp.core.robots import ik
 from optipromp.core.robots.cup_cover import NECK_RADIUS
@@ -150,7 +151,9 @@ def unsolvable(scene: Scene) -> str | None:
     robot = task.robot
     if any(_rooted_in_tool(scene, item, robot.tool) for item in scene.pushables):
         return "stem rooted where the tool must end"
-    goals = ik.solve(robot, target.position, scene.frame[2], starts=STARTS, distinct=0.05).joints
+    aim = aimed_at_stem(scene, robot.tool).aim
+    assert aim is not None
+    goals = ik.solve(robot, aim, scene.frame[2], starts=STARTS, distinct=0.05).joints
     if not len(goals):
         return "target out of reach"
     if robot.tool is not None and robot.tool.fingers and rolls(robot):

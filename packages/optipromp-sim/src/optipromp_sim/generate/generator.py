@@ -19,13 +19,13 @@ from optipromp.core.errors import InvalidRequestError, check_one_of
 from optipromp.core.robots.library import NOTHING, Choice
 from optipromp.core.scenes.crops import Crop, load_crop
 from optipromp.core.scenes.scene import Scene
-from optipromp_sim.generate import beds, bunches, plants, shelves
+from optipromp_sim.generate import beds, bunches, plants, shelves, vines
 from optipromp_sim.generate.checks import OverlapError, interpenetration, unsolvable
 from optipromp_sim.generate.placing import UnfitError, at_robot
 
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
-    "field", "shelf", "wild", "standing",
+    "field", "shelf", "wild", "standing", "vine",
 ]  # fmt: skip
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
@@ -73,6 +73,7 @@ KINDS: Mapping[Preset, Kind] = {
         panda_only=True,
         crop="",
     ),
+    "vine": Kind(vines.sample, 1, 3, panda_only=True, crop=""),
 }
 
 
@@ -125,8 +126,8 @@ def generate_with_report(
 
     Raises:
         InvalidRequestError: an unknown preset or a negative seed; another robot than the Panda, or
-            a crop, for a shelf or a bed; a robot that can work at none of :data:`MOST_UNFIT`
-            samples from any place.
+            a crop, for a shelf, a bed or a vine; a robot that can work at none of
+            :data:`MOST_UNFIT` samples from any place.
         InvalidRobotError: a robot that cannot be loaded.
     """
     check_one_of("preset", preset, PRESETS)

@@ -1,18 +1,19 @@
-"""What suction cups touch, and what scissors cut."""
+"""What suction cups touch, what scissors cut, and how a tool holds what it has picked."""
 
 import itertools
 from typing import Any
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, lengths
 from optipromp.core.geometry import distances, pack
 from optipromp.core.robots.grippers import Scissor, Suction
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import JointGoal
+from optipromp_sim.simulation.engine import Layer, engine
 from optipromp_sim.simulation.records import Rollout
-from optipromp_sim.simulation.world import Fruit, World
+from optipromp_sim.simulation.world import GRIP, Fruit, World
 
 LIP = 0.003  # [m] chosen: height of the contacts of a lip below its plane, and beyond its radius
 ALONG_STEM = 0.001  # [m] chosen: between the points of a stem that may be between the blades
@@ -123,6 +124,39 @@ def carried_by(world: World, pieces: list[int]) -> BoolArray:
             out[row] = body in pieces
             body = int(parents[body])
     return out
+
+
+def grip(world: World, data: Any, target: Fruit) -> None:
+    """Hold the target in the tool from now on.
+
+    A hand holds it as it is, without a contact: how hard fingers press is theirs. A scissor holds
+    the end of its stem, about which the fruit turns freely; what was below on the stem is gone.
+    """
+    model = world.model
+    weld, tool = model.equality(GRIP).id, model.body("tool").id
+    turn, own = data.xmat[tool].reshape(3, 3), data.xmat[target.body].reshape(3, 3)
+    off = data.xpos[target.body] - data.xpos[tool]
+    data.eq_active[weld] = 1
+    if scissor_of(world) is not None:
+        joints, robot = target.stem(data), world.robot.tool
+        assert robot is not None
+        points = _along(joints)
+        away = lengths(points - data.xpos[tool] - turn @ robot.point)
+        end = points[int(np.argmin(away))] - data.xpos[tool]
+        model.eq_data[weld, :6] = [*turn.T @ end, *own.T @ (end - off)]
+        pieces = range(target.last + 2 - len(joints), target.last + 1)
+        cut = (k for k in between_blades(world, data)[0] if k in pieces)
+        first = min(cut, default=pieces.start)
+        gone = (model.geom_bodyid >= first) & (model.geom_bodyid <= target.last)
+        model.geom_contype[gone] = model.geom_conaffinity[gone] = 0
+        model.geom_rgba[gone, 3] = 0.0
+        return
+    quaternion = np.zeros(4)
+    engine().mju_mat2Quat(quaternion, (turn.T @ own).ravel())
+    model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *turn.T @ off, *quaternion]
+    if world.robot.tool is not None and world.robot.tool.fingers:
+        mine = np.flatnonzero(model.geom_bodyid == target.body)
+        model.geom_conaffinity[mine] &= ~int(Layer.ROBOT)
 
 
 def _along(points: FloatArray) -> FloatArray:

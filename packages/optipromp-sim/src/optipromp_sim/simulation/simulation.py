@@ -16,7 +16,8 @@ from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_sim.simulation.contacts import HarmSoFar, harm_so_far, in_tool, pressing
-from optipromp_sim.simulation.engine import Layer, engine
+from optipromp_sim.simulation.engine import engine
+from optipromp_sim.simulation.grasps import between_blades, carried_by, grip, scissor_of
 from optipromp_sim.simulation.outcome import Outcome, judge
 from optipromp_sim.simulation.parameters import SimulationParameters
 from optipromp_sim.simulation.records import Rollout
@@ -108,7 +109,6 @@ class Simulation:
         self._begin(self._start)
 
     def _begin(self, q: FloatArray) -> None:
-        self._gripped = False
         still = Trajectory.through(np.tile(q, (2, 1)), 1.0, self.robot.joint_names)
         self._run = Execution(self._world, still, self._record_rate)
         self.reference = State(q)
@@ -150,8 +150,9 @@ class Simulation:
             The state of the arm.
         """
         another = seed is not None and seed != self.seed
-        changed = self._gripped or self.parameters.robot.guard_until > 0.0  # a guard goes in a run
-        if another or changed:
+        fingers = self.robot.tool is not None and self.robot.tool.fingers
+        gone = self.parameters.robot.guard_until > 0.0  # a guard goes in a run
+        if another or gone or (fingers and self._grips()):
             self.seed = self.seed if seed is None else seed
             self._world = build(self.scene, self.robot, self.parameters, self.seed)
         self._begin(self._start if q is None else frozen(q))
@@ -193,29 +194,22 @@ class Simulation:
         return rollout, judge(self._world, rollout, self._run.records.log)
 
     def grip(self) -> None:
-        """Cut the stem of the target and hold the target in the tool, where it is now.
+        """Cut the stem of the target and hold the target (:func:`.grasps.grip`).
 
-        The fingers of a hand hold without a contact from then on: how hard they press is theirs.
+        A scissor closes, and holds the target if its stem is between the blades.
 
         Raises:
             InvalidRequestError: the scene has no target, or the robot no tool.
         """
-        run, world, mujoco = self._run, self._world, engine()
+        run, world = self._run, self._world
         target = next((fruit for fruit in world.shown if fruit.role == "target"), None)
         if target is None or self.robot.tool is None:
             raise InvalidRequestError(f"{self.scene.name} has no target or tool: no grip")
+        if scissor_of(world) is not None:
+            run.close()
+            return
         run.stems.cut(run.data, target)
-        weld, tool = world.model.equality(GRIP).id, world.model.body("tool").id
-        turn = run.data.xmat[tool].reshape(3, 3)
-        quaternion = np.zeros(4)
-        mujoco.mju_mat2Quat(quaternion, (turn.T @ run.data.xmat[target.body].reshape(3, 3)).ravel())
-        offset = turn.T @ (run.data.xpos[target.body] - run.data.xpos[tool])
-        world.model.eq_data[weld, :10] = [0.0, 0.0, 0.0, *offset, *quaternion]
-        run.data.eq_active[weld] = 1
-        if self.robot.tool.fingers:
-            own = np.flatnonzero(world.model.geom_bodyid == target.body)
-            world.model.geom_conaffinity[own] &= ~int(Layer.ROBOT)
-            self._gripped = True
+        grip(world, run.data, target)
 
     def close(self) -> None:
         """Hold the target, as :meth:`grip` does, if it is in the tool and not held already."""
@@ -275,8 +269,13 @@ class Simulation:
         return harm_so_far(self._world, self._run.records.log, len(self._run.stems.torn))
 
     def held(self) -> tuple[str, ...]:
-        """The targets and pushables that the tool holds now."""
+        """The targets and pushables that the tool holds now; of a scissor, would cut off now."""
         world, q, now = self._world, self.state().q[None], self._run.data.qpos[None]
+        if scissor_of(world) is not None:
+            if self._run.cut is not None:
+                return self._run.cut.stems if self._grips() else ()
+            within = carried_by(world, between_blades(world, self._run.data)[0]).tolist()
+            return tuple(each.id for each, own in zip(world.fruits, within, strict=True) if own)
         return tuple(each.id for each in world.shown if in_tool(world, q, now, each).item())
 
     def wrench(self) -> FloatArray:

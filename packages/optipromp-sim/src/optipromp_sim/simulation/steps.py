@@ -13,7 +13,7 @@ from optipromp_sim.simulation.arm import GUARD
 from optipromp_sim.simulation.contacts import ContactLog, is_sound, pressing
 from optipromp_sim.simulation.disturbances import CARRIAGE_MASS, roots_of
 from optipromp_sim.simulation.engine import engine
-from optipromp_sim.simulation.grasps import between_blades, carried_by, scissor_of
+from optipromp_sim.simulation.grasps import between_blades, carried_by, grip, scissor_of
 from optipromp_sim.simulation.outcome import HarmLog
 from optipromp_sim.simulation.parameters import STEM_FORCE
 from optipromp_sim.simulation.records import Rollout, StemCut, used
@@ -308,9 +308,12 @@ class Execution:
             return all(self.advance(asked) for _ in range(self.tick))
 
     def close(self) -> None:
-        """Close the blades of a scissor, once; other tools stay open."""
+        """Close the blades of a scissor, once, and hold a target that was cut; others stay open."""
         if self.cut is None and scissor_of(self.world) is not None:
-            self.cut = self.stems.close(self.data)
+            self.cut, aim = self.stems.close(self.data), self.world.scene.target
+            for fruit in self.world.shown:
+                if aim is not None and fruit.id == aim.id in self.cut.stems:
+                    grip(self.world, self.data, fruit)
 
     def begin(self, q: FloatArray) -> None:
         """Record the state at the beginning, once; ``q`` (S,) is the reference of the segments."""

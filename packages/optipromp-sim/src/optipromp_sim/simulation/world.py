@@ -11,7 +11,9 @@ from optipromp.core.arrays import FloatArray, IntArray, frame_along, frozen
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.pushing.stems.bending import axis_of, hanging_balls, part
+from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import unmounted
 from optipromp.core.scenes.objects import UNSEEN_SPREAD, ObjectMotion, parents_first, rooted
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
@@ -419,13 +421,17 @@ GRIP = "grip"
 
 
 def add_grip(spec: Any, scene: Scene, robot: Robot) -> None:
-    """Add the weld, which does not hold yet, after those of the stems; for a tool and a target."""
-    mujoco = engine()
+    """Add the weld, which does not hold yet, after those of the stems; for a tool and a target.
+
+    Of a scissor it is a ball joint.
+    """
+    kind = engine().mjtEq
     if robot.tool is None or scene.target is None:
         return
+    swings = isinstance(unmounted(robot.tool), Scissor)
     spec.add_equality(
-        name=GRIP, type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY, name1="tool",
-        name2=f"fruit:{scene.target.id}", active=False,
+        name=GRIP, type=kind.mjEQ_CONNECT if swings else kind.mjEQ_WELD, active=False,
+        objtype=engine().mjtObj.mjOBJ_BODY, name1="tool", name2=f"fruit:{scene.target.id}",
     )  # fmt: skip
 
 

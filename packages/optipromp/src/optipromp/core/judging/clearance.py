@@ -54,10 +54,11 @@ def advance(body, objects, q, points, axes, closest, core, depth, deepest, apart
     ``body``: see :class:`optipromp.core.judging.kinematics.Body`. ``objects``: see
     :class:`optipromp.core.judging.distances.Objects`. ``points``, ``axes``: (M, 3) tool points [m]
     and tool axes. ``closest``: (5,) smallest distances [m]: of all spheres to static objects, of
-    B_d to avoid objects, of the last link and the tool to avoid objects, of B_d to pushables and
-    stems. ``core``: (1,) the paper's M_c [m] over static and avoid objects. ``depth``: (K,)
-    smallest distance [m] of each object to the spheres that must not touch the object; exact where
-    negative. ``deepest``: (2, K) index of the sphere and of the configuration at that distance.
+    B_d to avoid objects, of the last link and the tool to avoid objects, of B_d to pushables, of
+    B_d to stems and a target that hangs. ``core``: (1,) the paper's M_c [m] over static and avoid
+    objects. ``depth``: (K,) smallest distance [m] of each object to the spheres that must not touch
+    the object; exact where negative. ``deepest``: (2, K) index of the sphere and of the
+    configuration at that distance.
     ``apart``: (4,) smallest distance [m] between links that are not neighbours, the indices of the
     two spheres and of the configuration.
     """
@@ -350,11 +351,14 @@ def _other_shapes(
         AVOID: np.flatnonzero(~distal),
         AVOID_BY_TOOL: np.flatnonzero(distal),
         PUSHABLE: np.flatnonzero(~distal),
+        STEM: np.flatnonzero(~distal),
     }
     asked = [
         (item, row, sets[row])
         for item in items
-        for row in ((AVOID, AVOID_BY_TOOL) if ROLES[item.role] == AVOID else (ROLES[item.role],))
+        for row in (
+            (AVOID, AVOID_BY_TOOL) if item.role == "avoid" else (ROLES.get(item.role, STEM),)
+        )
         if len(sets[row])
     ]
     deepest = dict[int, tuple[float, int, int]]()
@@ -366,7 +370,7 @@ def _other_shapes(
             if row != AVOID_BY_TOOL and d < deepest.get(n, (0.0,))[0]:
                 deepest[n] = d, int(chosen[sphere]), start + at
         for item in items:
-            if ROLES[item.role] != PUSHABLE and len(radius):  # the core of M_c is the surface
+            if item.role in ("static", "avoid") and len(radius):  # the core of M_c is the surface
                 core[0] = min(core[0], nearest(item, spheres, np.zeros_like(radius), core[0])[0])
     names = [str(robot.link_names[link]) for link in robot.spheres.link]
     return [

@@ -43,14 +43,16 @@ class Objects(NamedTuple):
 def objects_of(
     scene: Scene, counted: frozenset[int] | None = None
 ) -> tuple[Objects, tuple[SceneObject, ...]]:
-    """Objects of simple shape as arrays, and the meshes and point clouds; without the target.
+    """Objects of simple shape as arrays, and the meshes and point clouds.
 
-    Objects that move are left out. Stems, the target's included, are capsules. ``counted``: indices
-    of the objects whose bodies and stems count; None: all.
+    Objects that move are left out, and a target that stands. One that hangs counts as stems do.
+    Stems are capsules. ``counted``: indices of the objects whose bodies and stems count; None: all.
     """
     role = np.full(len(scene.objects), -1)
     for name, code in ROLES.items():
         role[scene.rows(name)] = code
+    if scene.target is not None and scene.target.stem is not None:
+        role[scene.rows("target")] = STEM
     counts = np.array([item.course is None for item in scene.objects], dtype=np.bool_)
     if counted is not None:  # what moves: see judging/moving.py
         counts &= np.isin(np.arange(len(role)), list(counted))

@@ -81,6 +81,8 @@ def surroundings_of(scene: Scene, robot: Robot) -> Surroundings:
     static, avoid, push = (
         scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
     )
+    if scene.target is not None and scene.target.stem is not None:  # the arm keeps off it, too
+        push = np.append(push, scene.rows("target"))
     apart = [is_special(scene, robot, rows) for rows in (static, avoid, push)]
     special: tuple[Special, ...] = ()
     if any(own.any() for own in apart):

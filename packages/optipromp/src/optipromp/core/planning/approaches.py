@@ -7,6 +7,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.budget import clock
+from optipromp.core.planning.cutting import cuts
 from optipromp.core.planning.parameters import APPROACH
 from optipromp.core.planning.task import Task, approached
 from optipromp.core.pushing.model import PushModel
@@ -23,9 +24,10 @@ def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
     stays round the target. To a long target that does not fit in every state, it comes only from
     where the target fits, from where that is narrowest first; it ends at the middle of its outline,
-    as low as its length asks for. To a target that stands the tool comes level, from a little to
-    either side. Where the scene states no cone or no lateral distance, ``APPROACH`` does. No
-    approach is looked at after ``end`` [s], a time of the plan's clock.
+    as low as its length asks for. To a target that stands, and to a stem that is cut, the tool
+    comes level, from a little to either side. Where the scene states no cone or no lateral
+    distance, ``APPROACH`` does. No approach is looked at after ``end`` [s], a time of the plan's
+    clock.
     """
     scene = task.scene
     tool, target = task.robot.tool, scene.target
@@ -39,11 +41,12 @@ def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried
     around = np.arange(APPROACH.around) * 2.0 * np.pi / APPROACH.around
     flats = [np.cos(turn) * x_g + np.sin(turn) * y_g for turn in around]
     shares: tuple[float, ...] = (1.0, APPROACH.inner)
-    if target.stem is None:
+    cut = cuts(scene, tool)
+    if target.stem is None or cut:
         side = np.cross(scene.up, z_g)
         level = float(np.linalg.norm(side))
         flats = [side / level, -side / level] if level > 0.5 else []  # over 30° off the vertical
-        shares, reach = (APPROACH.inner,), 0.0
+        shares, reach = shares if cut else (APPROACH.inner,), 0.0
     tilts = [
         rotation(np.cross(z_g, flat), float(share * cone)) @ z_g
         for share in shares

@@ -19,6 +19,7 @@ import numpy as np
 
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
+from optipromp.core.planning.cutting import cuts, from_side, hung
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Said
 from optipromp.core.planning.task import Task, Underway, laden, resolve, tool_motion
@@ -63,7 +64,7 @@ def leg_task(reach: Plan, name: str, curve: Trajectory) -> Task:
     scene = replace(scene, goal=goal, start=begin, name=f"{reach.scene.name}-{name}")
     back = None if lifts else retreat_model(reach)
     if back is not None:
-        back = back.at(among_fruits(robot, curve, scene.pushables))
+        back = back.at(among_fruits(robot, curve, reach.scene.pushables))
     return Task(
         scene, robot, State(begin), goal, (), Underway(begun=True), risk=reach.risk,
         seed=reach.seed, back=back,
@@ -83,7 +84,7 @@ def carry_scene(legs: Mapping[str, Plan]) -> tuple[Scene, Robot]:
     reach = legs[REACH]
     assert reach.scene.place is not None
     scene, robot = carried(legs[RETREAT], reach.scene.place)
-    if LIFT in legs:  # the tool is out from among the packs
+    if LIFT in legs or scene.path is not None:  # the tool is out from among what it pushes
         scene = replace(scene, may_touch=reach.scene.may_touch)
     return scene, robot
 
@@ -92,9 +93,11 @@ def carry_scene(legs: Mapping[str, Plan]) -> tuple[Scene, Robot]:
 def held(reach: Plan) -> tuple[Scene, Robot]:
     """The scene without the picked fruit, and the robot whose tool holds the fruit.
 
-    The fruit is where the tool met it: its pose in the tool axes at the end of the reach. The scene
-    has the end of the reach as start and as goal. What the target stood on, or leant on, may be
-    touched by the target from then on.
+    The fruit is where the tool met it: its pose in the tool axes at the end of the reach. What
+    blades cut hangs from them (:func:`optipromp.core.planning.cutting.hung`). Below blades that
+    came from the side, other fruits are static to it; the tool may touch them, whose push its model
+    predicts. The scene has the end of the reach as start and as goal. What the target stood on, or
+    leant on, may be touched by the target from then on.
     """
     target, robot, q = reach.scene.target, reach.robot, reach.trajectory.positions[-1]
     assert target is not None
@@ -102,22 +105,32 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
     tip, _ = robot.tool_pose(q)
     _, turns = robot.segment_frames(q)
     axes = turns[-1] @ robot.tool_rotation
-    fruit = Attached(
+    fruit, path = Attached(
         target.id, target.shape, axes.T @ (target.position - tip),
         to_quaternion(axes.T @ target.rotation), mass_of(target),
-    )  # fmt: skip
+    ), None  # fmt: skip
     pairs = reach.scene.may_touch
+    objects = rooted(item for item in reach.scene.objects if item.id != target.id)
+    if cuts(reach.scene, robot.tool):
+        fruit, path = hung(reach.scene, robot, q)
+    if path is not None and from_side(reach.scene):  # from below it is between the blades
+        fixed = [(item, part) for item in objects for part in _fixed(item)]
+        objects = tuple(part for _, part in fixed)
+        hang = [part.id for item, part in fixed if item.role != "static"]
+        pairs = (*pairs, *((name, id_) for name in _near(robot) for id_ in hang))
     scene = replace(
         reach.scene,
-        objects=rooted(item for item in reach.scene.objects if item.id != target.id),
+        objects=objects,
         goal=PoseGoal(*robot.tool_pose(q)),
         start=q,
         attached=(*reach.scene.attached, fruit),
         place=None,
+        path=path,
+        may_touch=pairs,
     )
     robot = letting_touch(laden(robot, (fruit,)), pairs)
     stood = [c.other for c in judging.touching(scene, robot, q, begun=True) if c.link == target.id]
-    known = {item.id for item in scene.static}
+    known = {item.id for item in reach.scene.static}
     pairs = (*pairs, *((target.id, name) for name in stood if name in known))
     return replace(scene, may_touch=pairs), robot
 
@@ -171,10 +184,7 @@ def settled(reach: Plan, scene: Scene) -> Scene:
         ends = zip(left.ids, left.positions, left.turns, strict=True)
         places = {id_: (place, float(turn)) for id_, place, turn in ends}
     objects, pairs = list[SceneObject](), list(scene.may_touch)
-    near = [
-        str(name) for name in robot.link_names[robot.spheres.link[robot.spheres.distal].min() :]
-    ]
-    holders = [*dict.fromkeys(near), *(item.id for item in scene.attached)]
+    holders = [*_near(robot), *(item.id for item in scene.attached)]
     for item in scene.objects:
         if item.role == "static" or item.stem is not None:
             objects.append(item)
@@ -185,6 +195,12 @@ def settled(reach: Plan, scene: Scene) -> Scene:
         if np.linalg.norm(place - item.position) > LIFTING.pushed or abs(turn) > LIFTING.pushed:
             pairs += [(name, item.id) for name in holders]
     return replace(scene, objects=tuple(objects), may_touch=tuple(pairs))
+
+
+def _near(robot: Robot) -> list[str]:
+    """Names of the last link and of what is beyond it, which may touch what is pushed."""
+    first = robot.spheres.link[robot.spheres.distal].min()
+    return [*dict.fromkeys(str(name) for name in robot.link_names[first:])]
 
 
 def lifted_pairs(before: Scene, scene: Scene) -> tuple[tuple[str, str], ...]:

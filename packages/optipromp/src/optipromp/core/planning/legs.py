@@ -20,6 +20,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.attempt import STILL
+from optipromp.core.planning.cutting import cuts, steady
 from optipromp.core.planning.leg_tasks import (
     carry_scene,
     distance_of,
@@ -33,21 +34,13 @@ from optipromp.core.planning.leg_tasks import (
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.plan import Request, plan
-from optipromp.core.planning.result import (
-    CARRY,
-    LIFT,
-    REACH,
-    RETREAT,
-    Plan,
-    Proposal,
-    Said,
-    cheapest,
-)
+from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Proposal, cheapest
 from optipromp.core.planning.task import robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
 from optipromp.core.planning.warming import one_thread
 from optipromp.core.planning.ways import Legs, retreats
+from optipromp.core.pushing.model import failing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
@@ -92,7 +85,8 @@ class Picked:
         A retreat tells that of the whole; the leg before the carry, that of a target that stands.
         """
         told = [leg.prediction.probability for leg in self.legs.values() if leg.prediction]
-        return told[-1] if told else math.nan
+        swept = max(leg.metrics.unseen or 0.0 for leg in self.legs.values())
+        return failing(told[-1], swept) if told else math.nan
 
     @property
     def duration(self) -> float:
@@ -150,12 +144,17 @@ def plan_pick(
     scene, robot = carry_scene(legs)
     left = search.began + search.options.timeout - clock()
     asked = request | {"progress": progress, "robot": robot, "timeout": left}
-    return Picked(legs | {CARRY: plan(scene, **asked)})
+    carry = plan(scene, **asked)
+    if cuts(legs[REACH].scene, robot.tool) and carry.success:
+        made = steady(legs[REACH].scene, robot, carry.trajectory)
+        carry = replace(leg(carry.task, made, carry.time["total"]), planner=carry.planner)
+    return Picked(legs | {CARRY: carry})
 
 
 def timed_out(leg: Plan, what: str) -> Plan:
     """A leg of a pick for whose rest, ``what``, there was no time."""
-    return replace(leg, status=Code.TIMEOUT, said=Said(f"time ran out before {what}: ", leg.said))
+    said = leg.said._replace(before=f"time ran out before {what}: {leg.said.before}")
+    return replace(leg, status=Code.TIMEOUT, said=said)
 
 
 def picks(reaches: Iterable[Proposal[Plan]], settings: Timed) -> Iterator[Proposal[Legs]]:

@@ -230,6 +230,15 @@ class Retreat:
     alike = 0.2  # [1] measured: harms below it are equal, and the first and fastest way is taken
 
 
+class Cutting:
+    """Stems that a scissor cuts from the side (``planning/cutting.py``)."""
+
+    along = 5e-4  # [m] between points of a stem, half of the judge's tolerance of a goal
+    sway = 0.07  # [rad] largest of a fruit that hangs from the blades, beside the lean of its stem
+    tilt = 0.02  # [rad] largest of the tool from the level on the way out
+    parts = 8  # [1] samples of an interval, by which the changes of the tool's velocity are summed
+
+
 class Lift:
     """Numbers of a lift."""
 
@@ -257,3 +266,4 @@ TIMING = Timing
 IN_TIME = InTime
 BACK = Retreat
 LIFTING = Lift
+CUTTING = Cutting

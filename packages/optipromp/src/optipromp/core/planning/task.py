@@ -11,10 +11,10 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError, StartInvalidError
-from optipromp.core.geometry import distances, pack
 from optipromp.core.optimization.evaluation import BodyPoints, body_points
 from optipromp.core.optimization.problem import Surroundings, surroundings_of
 from optipromp.core.parameters import FRUIT_DENSITY
+from optipromp.core.planning.cutting import aimed_at_stem
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Combined, Continued, PushModel
 from optipromp.core.pushing.packs import standing
@@ -25,10 +25,9 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.grippers import PRESS, Scissor, Suction
+from optipromp.core.robots.grippers import PRESS, Suction
 from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
-from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, at_goal
 from optipromp.core.scenes.held import Pair, check_names
@@ -358,31 +357,6 @@ def emptied(scene: Scene) -> Scene:
     """The scene without the pushables that stand."""
     kept = (item for item in scene.objects if item.role != "pushable" or item.stem is not None)
     return replace(scene, objects=tuple(kept))
-
-
-ALONG = 0.0005  # [m] chosen: between points of a stem, half of the judge's tolerance of a goal
-
-
-def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
-    """The scene whose approach ends on the target's stem, if the ``tool`` is a scissor.
-
-    The place is the lowest one that is ``cut`` from the fruit; of a stem that is nowhere twice as
-    far from the fruit, half of the way to its farthest place. The axis of the approach and the
-    place of its end do not vary where the scene states no cone and no lateral distance: turned
-    about the stem, the blades would meet the fruit. An approach whose ``shift`` is stated stays as
-    it is.
-    """
-    target, blades, approach = scene.target, unmounted(tool), scene.approach
-    if target is None or target.stem is None or not isinstance(blades, Scissor):
-        return scene
-    if approach.shift.any():
-        return scene
-    points = evenly(target.stem.points, int(np.ceil(target.stem.length / ALONG)) + 1)
-    far, _ = distances(pack([(target.shape, target.position, target.rotation)]), points)
-    above = points[int(np.argmax(far >= min(blades.cut, 0.5 * far.max())))]
-    cone, aside = (0.0 if value is None else value for value in (approach.cone, approach.aside))
-    approach = replace(approach, shift=above - target.position, cone=cone, aside=aside)
-    return scene.approached(approach)
 
 
 DEGREES = 4.0 * np.pi  # [rad] chosen: larger values look like degrees

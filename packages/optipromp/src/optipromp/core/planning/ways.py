@@ -18,6 +18,7 @@ import numpy as np
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.budget import clock
+from optipromp.core.planning.cutting import cuts, steady
 from optipromp.core.planning.leg_tasks import (
     carried,
     distance_of,
@@ -30,11 +31,14 @@ from optipromp.core.planning.options import Timed
 from optipromp.core.planning.parameters import BACK
 from optipromp.core.planning.result import REACH, RETREAT, Plan, Proposal
 from optipromp.core.planning.task import spaced
-from optipromp.core.planning.timing import leaving
+from optipromp.core.planning.timing import eased, leaving, shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.hanging import Leaving
 from optipromp.core.robots import ik
+from optipromp.core.robots.grippers import Scissor
+from optipromp.core.robots.ik import level
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import unmounted
 
 Legs = dict[str, Plan]
 """Judged legs by name, in the order of the motion."""
@@ -92,7 +96,8 @@ def ways(
     around = 2.0 * np.pi * np.arange(BACK.around) / BACK.around
     sides = [turn @ np.array([math.cos(one), math.sin(one), 0.0]) for one in around]
     wide = 0.0 if robot.tool is None else robot.tool.mouth[1]
-    for size in BACK.aside:
+    stump = isinstance(unmounted(robot.tool), Scissor)  # between the open blades: none goes aside
+    for size in () if stump else BACK.aside:
         for side in sides:
             yield through(size * wide * side, size * wide * side - distance * axis)
     for lean in np.deg2rad([0.5 * BACK.cone, BACK.cone]):
@@ -154,7 +159,11 @@ def retreats(reach: Plan, options: Timed) -> Iterator[Proposal[Legs]]:
         if q is None or judged == BACK.judged:
             return
         fruits = (*reach.scene.pushables, target)
-        made = leaving(robot, options, q, fruits, way.speed)
+        if cuts(reach.scene, robot.tool):
+            q = level(robot, q, reach.scene.frame[0], path=True)
+            made = steady(reach.scene, robot, shortest(eased(robot, options), q, 0, way.speed))
+        else:
+            made = leaving(robot, options, q, fruits, way.speed)
         one = leg(leg_task(reach, RETREAT, made), made, clock() - began)
         worse = pressed(one) < min(pressed(reach), 0.0)
         if place is not None:  # the carry cannot begin where something is touched

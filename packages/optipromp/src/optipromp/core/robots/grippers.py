@@ -17,6 +17,7 @@ from optipromp.core.robots.tool_protocol import LARGEST, Distance, Place, Size, 
 from optipromp.core.values import Validated
 
 Vector = tuple[float, float, float]
+WIDEST = 0.12  # [m] chosen: opening of a scissor
 
 
 class TwoFingers(Validated, Tool):
@@ -126,15 +127,15 @@ class FingerGripper(TwoFingers, label="tool finger_gripper: "):
 
 @dataclass(frozen=True)
 class Scissor(TwoFingers, label="tool scissor: "):
-    """A scissor of two thin open blades on a body. Metres.
+    """A scissor of two thin open blades on a body, which cuts a stem and holds its end. Metres.
 
     Blades and body are boxes, named and measured as the fingers and the palm of
-    :class:`FingerGripper`. The scissor takes hold of objects whose centre is between the blades,
-    within their width. At a target that hangs the tool point ends on the stem, ``cut`` from the
-    fruit, where the blades close.
+    :class:`FingerGripper`; the body is at least as wide as the open blades. At a target that hangs
+    the tool point ends on the stem, ``cut`` from the fruit, where the blades close. The fruit then
+    hangs from them.
 
     Args:
-        opening: between the open blades.
+        opening: between the open blades, 0.12 at most.
         depth: distance of the blade tips beyond the tool point.
         turn: of the scissor about flange z; at 0 it opens along flange y [rad].
         cut: distance of the place of the cut from the fruit. Above ``depth`` and half of the
@@ -142,7 +143,7 @@ class Scissor(TwoFingers, label="tool scissor: "):
     """
 
     names = "scissor", "blade", "body"
-    opening: float
+    opening: Annotated[float, Le(WIDEST), Unit("m")]
     blade_length: Size = 0.05
     blade_width: Size = 0.012
     blade_thickness: Size = 0.002
@@ -152,6 +153,11 @@ class Scissor(TwoFingers, label="tool scissor: "):
     depth: float = 0.015
     turn: Annotated[float, Unit("rad")] = 0.0
     cut: Size = 0.02
+
+    @property
+    def _body(self) -> Vector:
+        x, y, z = super()._body
+        return x, max(y, self.opening + 2.0 * self.blade_thickness), z
 
 
 @dataclass(frozen=True)

@@ -25,8 +25,8 @@ ABOVE = 1.0  # [m] added to the gap of a piece of stem over the rim, which touch
 class Mouth(NamedTuple):
     """A round cup: radii, and heights over the tool point [m]; solid where inner = -outer.
 
-    Of fingers (``within`` above 0, ``cut`` 0), radii are the distances of their inner sides and
-    backs from the axis: fruits meet two boxes and the palm's box; stems meet the cup.
+    Of fingers and blades (``within`` above 0), radii are the distances of their inner sides and
+    backs from the axis: fruits and stems meet two boxes and the palm's box.
     """
 
     inner: float
@@ -38,12 +38,12 @@ class Mouth(NamedTuple):
     flange: float = 0.0  # radius of the arm's last link, see :func:`flange_of`
     flange_top: float = -1.0  # height of the end of the last link
     end: float = -1.0  # height of the other end of the last link, and of the neck
-    cut: float = 0.0  # of blades: distance of the place of the cut from the target's centre, else 0
+    cut: float = 0.0  # of blades: from the centre of the target's lower ball to its stem, else 0
     within: float = 0.0  # of fingers and blades: half of their width
     ax: float = 0.0  # of these: the direction of their width, which is across the opening
     ay: float = 0.0
     az: float = 0.0
-    palm_x: float = 0.0  # of fingers: half of the width of the palm across the opening
+    palm_x: float = 0.0  # of both: half of the width of the palm across the opening
     palm_y: float = 0.0  # likewise along it
     palm_end: float = 0.0  # height of the palm's back
     rubbing: float = PUSH.swing.friction  # coefficient of friction on fruits
@@ -154,7 +154,7 @@ def in_cup(x, y, z, at):
 def fruit_gap(x, y, z, radius, at, cup):
     """Gap of a fruit to the cup, and the direction in which the cup pushes the fruit."""
     h, rho, x, y, z = in_cup(x, y, z, at)
-    if cup.within > 0.0 and cup.cut == 0.0:
+    if cup.within > 0.0:
         return _hand_gap(h, rho, x, y, z, radius, at, cup)
     d, g0, g1 = cup_distance(rho, h, cup)
     out = g0 / rho if rho > 1e-9 else 0.0
@@ -181,7 +181,7 @@ def _block(x, y, z, a, b, c):
 
 @inner
 def _hand_gap(h, rho, x, y, z, radius, at, cup):
-    """:func:`fruit_gap` of fingers, to a fruit at the height h and at (x, y, z) from the axis."""
+    """:func:`fruit_gap` of fingers, to a ball at the height h and at (x, y, z) from the axis."""
     off = cup.ax * at.u + cup.ay * at.v + cup.az * at.w
     ax, ay, az = cup.ax - off * at.u, cup.ay - off * at.v, cup.az - off * at.w
     long = 1.0 / math.sqrt(ax * ax + ay * ay + az * az)
@@ -217,6 +217,8 @@ def stem_gap(x, y, z, radius, within, at, cup):
     height over the rim plus :data:`ABOVE`.
     """
     h, rho, x, y, z = in_cup(x, y, z, at)
+    if cup.within > 0.0:
+        return _hand_gap(h, rho, x, y, z, radius, at, cup)
     if h > cup.rim + 1e-6 or rho < 1e-9:
         return ABOVE + max(h - cup.rim, 0.0), 0.0, 0.0, 0.0
     out = 1.0 / rho
@@ -233,37 +235,54 @@ def stem_gap(x, y, z, radius, within, at, cup):
 
 
 @called
-def inside_cup(x, y, z, rx, ry, rz, apart, at, cup):
-    """Whether a fruit is inside the cup, or between the fingers.
+def inside_cup(x, y, z, rx, ry, rz, radius, apart, at, cup):
+    """Whether a fruit is inside the cup, or between the fingers; of blades, the fruit or its stem.
 
-    Its axis begins at the lower ball's centre (x, y, z) and leads ``apart`` [m] towards the stem's
+    No wall keeps a fruit out of fingers: a ball that reaches in from aside may slip in, and one
+    whose centre is ``SWING.barely`` before the tips.
+    """
+    if cup.within > 0.0:
+        return _within(x, y, z, rx, ry, rz, apart, at, cup, SWING.barely, radius)
+    return _within(x, y, z, rx, ry, rz, apart, at, cup, -SWING.barely, 0.0)
+
+
+@inner
+def _within(x, y, z, rx, ry, rz, apart, at, cup, beyond, aside):
+    """Whether the axis of a fruit meets the room in the cup, or in one that is larger.
+
+    The room ends ``beyond`` the rim; between fingers it is wider by ``aside`` on either side [m].
+    The axis begins at the lower ball's centre (x, y, z) and leads ``apart`` [m] towards the stem's
     root (rx, ry, rz). See :func:`optipromp.core.robots.tool_protocol.meets`.
     """
     h, _, a, b, c = in_cup(x, y, z, at)
     dh = da = db = dc = 0.0
-    if apart > 0.0:
+    if apart > 0.0 or cup.cut > 0.0:
         rx, ry, rz = rx - x, ry - y, rz - z
-        share = apart / math.sqrt(rx * rx + ry * ry + rz * rz)
+        share = 1.0 if cup.cut > 0.0 else apart / math.sqrt(rx * rx + ry * ry + rz * rz)
         dh, _, da, db, dc = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
         dh, da, db, dc = dh - h, da - a, db - b, dc - c
-    ends = cup.base, cup.rim - SWING.barely
-    return meets(h, a, b, c, dh, da, db, dc, cup.inner, *ends, cup.within, cup.ax, cup.ay, cup.az)
+    ends, wide = (cup.base, cup.rim + beyond), cup.within + aside
+    return meets(h, a, b, c, dh, da, db, dc, cup.inner, *ends, wide, cup.ax, cup.ay, cup.az)
 
 
 @called
 def taken(x, y, z, rx, ry, rz, apart, at, cup):
     """Whether the target is inside the cup; see :func:`inside_cup`.
 
-    Of blades: whether the place of the cut, on the line to the stem's root (rx, ry, rz), is between
-    them.
+    Of blades: whether the line of the stem, from the fruit to the root (rx, ry, rz), is where they
+    close, and the fruit is not.
     """
     if cup.cut == 0.0:
-        return inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
+        return _within(x, y, z, rx, ry, rz, apart, at, cup, -SWING.barely, 0.0)
+    top, _, a, b, c = in_cup(rx, ry, rz, at)
     rx, ry, rz = rx - x, ry - y, rz - z
     share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)
-    h, rho, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
-    across = abs(x * cup.ax + y * cup.ay + z * cup.az)
-    return rho < cup.inner and across < cup.within and abs(h) < cup.rim - SWING.barely
+    h, _, x, y, z = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
+    deep, wide, w = cup.rim - SWING.barely, cup.inner, cup.within
+    if meets(h, x, y, z, 0.0, 0.0, 0.0, 0.0, wide, -deep, deep, w, cup.ax, cup.ay, cup.az):
+        return False
+    top, a, b, c = top - h, a - x, b - y, c - z
+    return meets(h, x, y, z, top, a, b, c, wide, -deep, deep, w, cup.ax, cup.ay, cup.az)
 
 
 @kernel
@@ -279,7 +298,7 @@ def steps_inside(positions, points, axes, cup, s):
             x, y, z = positions[p, i, 0], positions[p, i, 1], positions[p, i, 2]
             rx, ry, rz = s.root[i, 0], s.root[i, 1], s.root[i, 2]
             apart = (1.0 - s.upper[i]) * s.length[i]
-            within[i] += inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
+            within[i] += inside_cup(x, y, z, rx, ry, rz, s.radius[i], apart, at, cup)
     return within
 
 

@@ -205,7 +205,7 @@ class Hanging(PushModel):
         scene: the scene.
         tool: modelled as a cup with the tool's mouth, also where it has fingers. A tool that takes
             hold of nothing is a solid cylinder, and a missed target does not count as harm. A
-            scissor misses where the place of the cut does not end between its blades.
+            scissor misses where the target's stem does not end between its blades.
         neighbours: pushables in the way, first met first.
         camera: (3,) where a path begins [m].
         gripper_radius: R_gripper [m].
@@ -535,14 +535,16 @@ def fingers_of(scene: Scene, tool: Tool) -> tuple[float, ...]:
     They are side by side along y_g, as the planner rolls them. ``cut`` is of a scissor that is led
     to the target's stem.
     """
+    cut, target = 0.0, scene.target
     if not tool.fingers or not tool.mouth[0]:  # of full ones it is 0
         return ()
-    if isinstance(unmounted(tool), Scissor):
-        return math.hypot(*scene.approach.shift), finger_width(tool), *scene.frame[0].tolist()
+    if isinstance(unmounted(tool), Scissor) and target is not None and scene.approach.shift.any():
+        balls = bending.hanging_balls(target)
+        cut = balls.apart + balls.above
     palm = [solid.corners for solid in tool.solids() if solid.part == "palm"]
     x, y, z = ((np.concatenate(palm) - tool.point) @ tool.rotation).T if palm else np.zeros((3, 1))
     sizes = float(np.abs(x).max()), float(np.abs(y).max()), float(z.min())
-    return 0.0, finger_width(tool), *scene.frame[0].tolist(), *sizes
+    return cut, finger_width(tool), *scene.frame[0].tolist(), *sizes
 
 
 @lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits

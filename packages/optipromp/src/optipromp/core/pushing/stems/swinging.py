@@ -123,7 +123,7 @@ def relax(s, f, c, d, step, solid, look):
                 x, y, z = contacts.place(s, f.u, i, s.length[i] - f.up[i], share)
                 gap, n0, n1, n2 = stem_gap(x, y, z, s.thickness[i], within, at, cup)
                 if look and other > contacts.AT_BASE:
-                    away = gap - cup.outer + cup.neck if gap < ABOVE else gap - ABOVE
+                    away = gap - max(cup.outer - cup.neck, 0.0) if gap < ABOVE else gap - ABOVE
                     clear = other + int((away - SWING.close) * n / s.length[i])
             elif kind == contacts.ON_WALL:
                 if f.resting[i] and step.point > 0:
@@ -476,7 +476,7 @@ def _take(s, f, at, cup, dt, p, out, forces, stem_forces, spell, pinched, so_far
         x, y, z = f.center[i, 0], f.center[i, 1], f.center[i, 2]
         rx, ry, rz = s.root[i, 0], s.root[i, 1], s.root[i, 2]
         apart = (1.0 - s.upper[i]) * s.length[i]
-        swallowed = inside_cup(x, y, z, rx, ry, rz, apart, at, cup)
+        swallowed = inside_cup(x, y, z, rx, ry, rz, s.radius[i], apart, at, cup)
         spell[i] = spell[i] + 1 if swallowed else 0
         so_far[3] = max(so_far[3], spell[i] * dt)
         if f.firmly[i] and f.pressed[i] > 0.0:
