@@ -33,7 +33,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 LONG = {
-    "bench": "apart benchmark entries env episodes learnt rounds",
+    "bench": "apart benchmark entries env episodes inspection learnt rounds",
     "control": "controller driver many_detections servo tracker tracks",
     "cli": (
         "commands crops folder generate_study markup plan process refused scenarios "

@@ -27,7 +27,6 @@ examples:
   python -m benchmarks --out results.json --markdown tables.md
   python -m benchmarks --gate                     exit 1 where a ratio is worse than the baseline
   python -m benchmarks --update-baseline          accept this run's ratios as the baseline
-  python -m benchmarks --from results.json --markdown tables.md    no measuring
 
 peers:   pip install -c constraints.txt 'torch==2.13.0' -e packages/optipromp-bench'[peers]'
          (torch: a CPU build)
@@ -46,11 +45,8 @@ def parser() -> argparse.ArgumentParser:
         help="benchmarks or metrics, by pattern; may be stated again")  # fmt: skip
     add("--list", action="store_true", help="list benchmarks and metrics, measure nothing")
     add("--quick", action="store_true", help="a tenth of the repeats, to try it out")
-    add("--json", action="store_true", help="print the results as JSON, not as tables")
     add("--out", metavar="FILE", type=Path, help="write the results as JSON")
-    add("--markdown", metavar="FILE", type=Path, help="write the tables, or renew them in a page")
-    add("--from", dest="source", metavar="FILE", type=Path, nargs="+",
-        help="take the results of earlier runs (later ones win), measure nothing")  # fmt: skip
+    add("--markdown", metavar="FILE", type=Path, help="write the tables")
     add(
         "--gate",
         action="store_true",
@@ -81,12 +77,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(tables.listing(selected))
             return 0
         baseline = gate.load(options.baseline) if options.gate else {}
-        if options.source:
-            results = tables.merged(options.source)
-        else:
-            results = run(selected, Context(options.quick, say))
-            if options.gate:
-                results = again(results, baseline, Context(options.quick, say))
+        results = run(selected, Context(options.quick, say))
+        if options.gate:
+            results = again(results, baseline, Context(options.quick, say))
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -96,11 +89,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             json.dumps(results, indent=2, ensure_ascii=False) + "\n", encoding="utf-8"
         )
     if options.markdown:
-        tables.write_markdown(options.markdown, tables.markdown(results))
-    if options.json:
-        print(json.dumps(results, indent=2, ensure_ascii=False))
-    else:
-        print(tables.text(rows))
+        options.markdown.write_text(tables.markdown(results), encoding="utf-8")
+    print(tables.text(rows))
     if options.update_baseline:
         about = {key: results[key] for key in ("date", "commit", "machine", "versions")}
         count = gate.update(rows, about, options.baseline)

@@ -1,14 +1,10 @@
 """Results as tables of Markdown, for the terminal and for the documentation."""
 
-import json
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 from benchmarks.registry import Benchmark, Row
 from optipromp_bench.experiments.statistics import Table
-
-BEGIN, END = "<!-- tables: begin -->", "<!-- tables: end -->"
 
 
 def listing(selected: Sequence[tuple[Benchmark, list[str]]]) -> str:
@@ -25,26 +21,6 @@ def listing(selected: Sequence[tuple[Benchmark, list[str]]]) -> str:
                     f"    {m.name} [{m.unit}], {m.direction} is better{goal}{gated}{about}"
                 )
     return "\n".join(lines)
-
-
-def merged(files: Iterable[Path]) -> dict[str, Any]:
-    """The results of several runs as one; of a metric measured twice the later file counts.
-
-    Raises:
-        ValueError: a file that holds no results.
-    """
-    out: dict[str, Any] = {}
-    rows: dict[str, Any] = {}
-    for path in files:
-        try:
-            part = json.loads(path.read_text(encoding="utf-8"))
-            rows |= {row["name"]: row for row in part["rows"]}
-        except (ValueError, KeyError, TypeError) as error:
-            raise ValueError(f"{path} holds no results: {error!r}") from error
-        out |= part
-    if not out:
-        raise ValueError("no results given")
-    return out | {"rows": list(rows.values())}
 
 
 def number(value: float) -> str:
@@ -113,13 +89,3 @@ def markdown(results: dict[str, Any]) -> str:
         + (f" Not installed: {', '.join(missing)}." if missing else "")
     )
     return f"{told}\n\n{text(Row.from_dict(r) for r in results['rows'])}"
-
-
-def write_markdown(path: Path, text: str) -> None:
-    """Write the tables; into a page that has the two marks, between them only."""
-    if path.exists():
-        page = path.read_text(encoding="utf-8")
-        if BEGIN in page and END in page:
-            before, rest = page.split(BEGIN, 1)
-            text = f"{before}{BEGIN}\n{text}{END}{rest.split(END, 1)[1]}"
-    path.write_text(text, encoding="utf-8")

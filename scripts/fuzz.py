@@ -188,7 +188,7 @@ def main() -> None:
     self_collision.SORTING_POSTURES = POSTURES
     cache = tempfile.TemporaryDirectory(prefix="fuzz-")  # where no robot is known already
     if set(kinds) & set(every):
-        os.environ["OPTIPROMP_CACHE"] = cache.name
+        os.environ |= {"OPTIPROMP_CACHE": "", "XDG_CACHE_HOME": cache.name}
         plan("scenario-3")  # loads and compiles before the processes fork
         warm()
     if set(kinds) & set(doors):

@@ -38,9 +38,13 @@ SHARED += r"|conftest\.py|tests/(?!test_)\w+\.py"
 STEPS = {
     "real-ros": ("packages/optipromp-ros/",),
     "real-franka": ("packages/optipromp-loop/", "packages/optipromp/src/optipromp/core/execution/"),
-    "real-lerobot": ("packages/optipromp-loop/",),
+    "real-lerobot": (
+        "packages/optipromp-loop/", "packages/optipromp-bench/sockets/",
+        "packages/optipromp-bench/tests/lerobot/",
+        "packages/optipromp-bench/src/optipromp_bench/lerobot.py",
+    ),
     "examples": ("packages/optipromp/src/", "examples/"),
-}
+}  # fmt: skip
 """Steps, and the places whose changes need them."""
 FURTHER = *STEPS, "packages", "pythons", "extras"
 HOME = "tests"  # whose own files are of the repository

@@ -5,7 +5,6 @@
     python scripts/train_policies.py steps DATA --seeds 210000:210300       # our plans, driven
     python scripts/train_policies.py clone DATA --out clone.onnx --minutes 10
     python scripts/train_policies.py act DATA --out act.onnx --minutes 120  # chunks of velocities
-    python scripts/train_policies.py sac --out sac.onnx --minutes 30  # weights by reward alone
 
 ``plans`` keeps objects of scenes, and the weights of a primitive whose path is that of our plan.
 ``set`` learns several proposals of weights from objects, as a set: the nearest one learns (winner
@@ -17,12 +16,10 @@ velocities of the next half second at once, by a transformer over hand and objec
 al. 2023, without its latent style: of one scene our planner has one plan). A core gives it some
 20,000 samples a minute. It is meant for an hour of ``steps`` on one core and two hours of training
 on the other; the shipped weights had less (docs/learners.md).
-``sac`` is soft actor-critic of stable-baselines3 on ``optipromp/PickProMP-v0``, whose reward is the
-push model's word; it sees no plan.
 
 Every FILE.onnx gets FILE.csv beside it: minutes, samples, and figures on scenes that are not
 trained on. Seeds fix weights and order; the time that training may take fixes how far it gets.
-Needs torch, and ``sac`` stable-baselines3. One core.
+Needs torch. One core.
 """
 
 import argparse
@@ -41,7 +38,7 @@ import numpy as np
 from benchmarks.entries.learnt import hand_of
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
-from optipromp_bench.env import MOST, WIDTH, PickProMPEnv, objects_of
+from optipromp_bench.env import MOST, WIDTH, objects_of
 from optipromp_bench.episodes import DATA, EpisodeAsk, driven_episode
 from optipromp_bench.primitive import COUNT, weights_of
 from optipromp_bench.sets import PRESETS
@@ -53,7 +50,6 @@ PROPOSALS = 6
 HELD_OUT = 20  # every so many scenes are for figures, not for training
 EPISODE_NOISE = 0.3  # standard deviation of disturbed actions in ``steps``
 CHUNK = 25  # velocities that ``act`` tells at once: half a second, a choice
-FEW = 200_000, 200_500  # seeds of the scenes of ``sac``, of each preset: held in memory
 
 
 Presets = Sequence[str]
@@ -362,69 +358,10 @@ def write(net: Any, out: Path, empty: tuple[Any, ...], names: list[str]) -> None
     print(f"wrote {out}, {out.stat().st_size / 1e6:.2f} MB", flush=True)
 
 
-def sac(out: Path, minutes: float, presets: Presets) -> None:
-    """Soft actor-critic on weights; one action is a whole pick, so nothing is discounted."""
-    import torch
-    from gymnasium import spaces
-    from stable_baselines3 import SAC
-    from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
-    from torch import nn
-
-    torch.set_num_threads(1)
-
-    class Features(BaseFeaturesExtractor):
-        def __init__(self, space: spaces.Dict) -> None:
-            super().__init__(space, 96)
-            self.net = network(96)
-
-        def forward(self, seen: Any) -> Any:
-            return torch.relu(self.net(seen["objects"]))
-
-    class Curve(BaseCallback):
-        def __init__(self) -> None:
-            super().__init__()
-            self.began, self.rows, self.won = time.time(), [], list[float]()
-
-        def _on_step(self) -> bool:
-            self.won.append(float(self.locals["infos"][0]["is_success"]))
-            gone = (time.time() - self.began) / 60.0
-            if len(self.won) % 500 == 0 or (gone >= minutes and not self.rows):
-                share = float(np.mean(self.won[-500:]))
-                self.rows.append(
-                    {"minutes": round(gone, 2), "samples": len(self.won), "promised": share}
-                )
-                print(self.rows[-1], flush=True)
-            return gone < minutes
-
-    env = PickProMPEnv(presets, seeds=FEW, simulated=False)
-    policy = {"features_extractor_class": Features, "net_arch": [128, 128]}
-    agent = SAC(
-        "MultiInputPolicy", env, learning_rate=7e-4, buffer_size=100_000, learning_starts=500,
-        batch_size=64, gamma=0.0, train_freq=1, gradient_steps=1, policy_kwargs=policy, seed=0,
-    )  # fmt: skip
-    told = Curve()
-    agent.learn(10_000_000, callback=told)
-    curve(out, told.rows)
-
-    class Actor(nn.Module):
-        def __init__(self, actor: Any) -> None:
-            super().__init__()
-            self.actor = actor
-
-        def forward(self, objects: Any) -> Any:
-            features = self.actor.extract_features(
-                {"objects": objects}, self.actor.features_extractor
-            )
-            return torch.tanh(self.actor.mu(self.actor.latent_pi(features)))
-
-    write(Actor(agent.policy.actor), out, (torch.zeros(1, MOST, WIDTH),), ["objects"])
-
-
 def main() -> None:
     """See the module."""
     ask = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    ask.add_argument("what", choices=("plans", "set", "steps", "clone", "act", "sac"))
+    ask.add_argument("what", choices=("plans", "set", "steps", "clone", "act"))
     ask.add_argument("data", nargs="?", type=Path)
     ask.add_argument("--seeds", default="200000:204000", metavar="A:B")
     ask.add_argument("--out", type=Path)
@@ -434,9 +371,6 @@ def main() -> None:
     told = ask.parse_args()
     presets = told.presets.split(",")
     seeds = range(*map(int, told.seeds.split(":")))
-    if told.what == "sac":
-        sac(told.out or ask.error("sac needs --out FILE.onnx"), told.minutes, presets)
-        return
     if told.data is None:
         ask.error(f"{told.what} needs a folder of DATA")
     if told.what in ("plans", "steps"):

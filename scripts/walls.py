@@ -6,9 +6,9 @@
 
 Walls that may only fall:
 
-- ``lines`` of a package: the Python of its src, tests, scripts and benchmarks. Packages are the
-  folders of ``packages/``, and ``workspace`` is what stands beside them. All of them together may
-  only fall; one may rise by what moves there from another.
+- ``lines`` of a package: the Python of its src, tests, scripts, benchmarks, sockets. Packages are
+  the folders of ``packages/``, and ``workspace`` is what stands beside them. All of them together
+  may only fall; one may rise by what moves there from another.
 - ``closure`` of a function: lines and files of the definitions that it needs. From its own
   definition, each name in a body, a default or an annotation leads to the definition of that name,
   in this module or in the one that it is imported from. A class counts whole. Modules' docstrings
@@ -36,7 +36,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 WALLS = ROOT / "scripts" / "walls.toml"
 READING = ROOT / "docs" / "reading.md"
-FOLDERS = "src", "tests", "scripts", "benchmarks"
+FOLDERS = "src", "tests", "scripts", "benchmarks", "sockets"
 CORE = "core"
 KERNELS = "kernel", "called", "inner", "inlined", "compiler"  # decorators of core.compiled
 MOST = 15  # attributes of a class

@@ -1,6 +1,5 @@
 """The gate: what it compares, what it lets pass, and its exit code."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -71,23 +70,15 @@ def test_the_committed_baseline_holds_known_ratios() -> None:
         assert value > 0.0, name
 
 
-@pytest.fixture
-def results(tmp_path: Path) -> Path:
+def test_the_exit_code_names_the_regression(monkeypatch, tmp_path, capsys):
     rows = [Row(LOWER, "ok", 1.0), Row(TIME, "ok", 12.3), Row(HIGHER, "not available", reason="no")]
-    path = tmp_path / "results.json"
-    content = {
-        "date": "2026-01-01T00:00:00+00:00", "commit": "abc", "compiler": "g++", "quick": False,
-        "machine": {"cpu": "a cpu", "cores": 2, "system": "Linux"},
-        "versions": {"python": "3.11", "ompl": None}, "rows": [row.to_dict() for row in rows],
-    }  # fmt: skip
-    path.write_text(json.dumps(content), encoding="utf-8")
-    return path
-
-
-def test_the_exit_code_names_the_regression(results, tmp_path, capsys):
+    about = dict.fromkeys(("date", "commit", "machine", "versions"), "")
+    told = {**about, "rows": [row.to_dict() for row in rows]}
+    monkeypatch.setattr(cli, "run", lambda selected, context: told)
+    monkeypatch.setattr(cli.SUITE, "select", lambda names: names)
     base = tmp_path / "baseline.json"
     gate.update([Row(LOWER, "ok", 0.5)], {}, base)
-    arguments = ["--from", str(results), "--baseline", str(base)]
+    arguments = ["--baseline", str(base)]
     assert cli.main([*arguments, "--gate"]) == 1
     assert LOWER.name in capsys.readouterr().err.splitlines()[-1]
     assert cli.main([*arguments, "--update-baseline"]) == 0

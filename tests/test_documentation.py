@@ -1,23 +1,17 @@
 """What the documentation shows runs, and the reference shows what the packages export."""
 
-import ast
 import importlib
 import json
 import re
 import runpy
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 import pytest
-from typer.main import get_command
 
 import optipromp
-from optipromp.cli.main import app
-from optipromp.cli.robot import ArmOptions
 from optipromp.core.errors import Code
 from optipromp.core.planning import PlanOptions
 from optipromp.core.pushing.parameters import DETECTED, KNOWN, PACKS
@@ -147,7 +141,7 @@ def test_every_message_of_the_page_on_troubleshooting_is_one_of_ours() -> None:
     assert f"more than {1e3 * most.tracking_error:g} mm off its path" in page
 
 
-@pytest.mark.parametrize("name", ["my_crop", "my_loop", "my_recording", "my_robot"])
+@pytest.mark.parametrize("name", ["my_crop", "my_loop", "my_policy", "my_recording", "my_robot"])
 def test_a_notebook_and_its_page_are_those_of_its_script(name: str) -> None:
     script = runpy.run_path(str(ROOT / "scripts/notebooks.py"))
     found = script["cells"]((ROOT / f"examples/notebooks/{name}.py").read_text("utf-8"))
@@ -166,49 +160,6 @@ def test_a_cell_shows_its_last_expression_and_what_it_prints() -> None:
                                     "# %%\nprint(1)\n2 + a\n# %%\nassert a\n")  # fmt: skip
     assert (first.text, first.code) == ("Text\n\nmore", False)
     assert script["run"](second, {"a": 3}).said == "1\n5\n"
-
-
-OTHERS = {"--abbrev", "--always", "--dirty", "--exclude", "--ros-args"}  # of git and ROS
-OTHERS |= {"--address", "--head", "--dst", "--src"}  # of Ray and mcap
-VALUE = re.compile(r"[A-Z\d]|\S*[=:]")  # begin of NAME, 0.03, KEY=VALUE
-
-
-def offered() -> Iterator[tuple[str, str]]:
-    """Options of our commands in the texts of all sources, each with its value there, if any."""
-    for path in sorted((ROOT / "packages").rglob("src/**/*.py")):
-        nodes = list(ast.walk(ast.parse(path.read_text("utf-8"))))
-        whole = (n.value for n in nodes if isinstance(n, ast.Expr))  # docstrings
-        inside = (part for n in nodes if isinstance(n, ast.JoinedStr) for part in n.values)
-        passed = {id(node) for node in (*whole, *inside)}
-        for node in nodes:
-            if isinstance(node, ast.JoinedStr | ast.Constant) and id(node) not in passed:
-                text = re.sub(r"\{[^{}]*\}", "{}", ast.unparse(node))
-                yield from re.findall(r"(?<![\w-])(--[a-z][\w-]*)(?: ([^\s,;)']+))?", text)
-
-
-def test_the_command_line_reads_what_messages_offer() -> None:
-    known = dict[str, list[Any]]({"--help": []})
-
-    def walk(command: Any, above: Any) -> None:
-        context = command.context_class(command, parent=above)
-        for name in getattr(command, "list_commands", lambda _: ())(context):
-            walk(command.get_command(context, name), context)
-        for option in command.params:
-            for flag in (*option.opts, *option.secondary_opts):
-                known.setdefault(flag, []).append((option, context))
-
-    walk(get_command(app), None)
-    found = {each for each in offered() if each[0] not in OTHERS}
-    assert len(found) > 80
-    for flag, value in sorted(found):
-        assert flag in known, flag
-        if VALUE.match(value):
-            assert not all(option.is_flag for option, _ in known[flag]), (flag, value)
-        if flag == "--robot-arg" and VALUE.match(value):
-            assert ArmOptions(robot_arg=[value.replace("{}", "x")]).of(None).choice.args
-        if re.fullmatch(r"[\d.]+", value):
-            option, context = known[flag][0]
-            option.type.convert(value, option, context)
 
 
 def test_the_page_on_commands_lists_every_command() -> None:

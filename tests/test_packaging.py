@@ -46,6 +46,24 @@ def test_a_package_is_whole(name: str) -> None:
     assert text(f"{home}/README.md").count("\n") <= 30
 
 
+@pytest.mark.parametrize("file", sorted(ROOT.glob("packages/*/sockets/*/pyproject.toml")), ids=str)
+def test_a_socket_has_the_name_that_lerobot_looks_for(file: Path) -> None:
+    """And this version of ours; it imports the module that registers."""
+    project = tomllib.loads(file.read_text("utf-8"))["project"]
+    home, name = PROJECTS[file.parts[-4]], file.parent.name
+    assert project["name"] == name
+    assert name.startswith(("lerobot_policy_", "lerobot_env_"))
+    assert project["version"] == home["version"]
+    ours = [each for each in project["dependencies"] if "optipromp" in each]
+    assert all(each.endswith(f"=={PROJECT['version']}") for each in ours)
+    assert ours[0].startswith(home["name"])
+    assert (file.parent / "LICENSE").read_text("utf-8") == text("LICENSE")
+    (line,) = re.findall(
+        "^import (.+)  # noqa", (file.parent / f"{name}.py").read_text("utf-8"), re.M
+    )
+    assert (file.parents[2] / "src" / f"{line.replace('.', '/')}.py").is_file()
+
+
 def test_the_recipe_needs_what_the_package_needs() -> None:
     run = text("conda/meta.yaml").partition("  run:\n")[2].partition("\n\n")[0]
     wanted = {

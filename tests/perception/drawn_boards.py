@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.pose import Pose
 from optipromp_eyes import CameraModel
-from optipromp_eyes.boards import Board
-from optipromp_eyes.calibration import BoardView
+from optipromp_eyes.calibration import Board, BoardView
 
 CAMERA = CameraModel(640, 480, 500.0, 505.0, 318.0, 241.0)
 FINE = 4000.0  # [pixel/m] of the print

@@ -13,13 +13,13 @@ from optipromp.core.compiled import is_private
 PROGRAM = """
 import sys, warnings
 warnings.simplefilter("always")
-from optipromp.core.compiled import _CACHED, in_cache, kernel
+from optipromp.core.compiled import CACHED, in_cache, kernel
 
 @kernel
 def twice(x):
     return 2.0 * x
 
-print(_CACHED, in_cache(twice), twice(3.0), sum(twice.stats.cache_hits.values()))
+print(CACHED, in_cache(twice), twice(3.0), sum(twice.stats.cache_hits.values()))
 """
 
 
@@ -52,6 +52,25 @@ def test_a_damaged_cache_is_noticed_and_made_again(program: Path, tmp_path: Path
     (index,) = cache.rglob("program.twice*.nbi")
     index.write_bytes(index.read_bytes()[:-20])
     assert run(program, cache)[0][1:] == ["False", "6.0", "0"]
+
+
+def test_a_cache_is_of_what_a_kernel_is_made_of(program: Path, tmp_path: Path) -> None:
+    """Not of its file's time: what the kernel calls and reads stands in another file."""
+    other, cache = tmp_path / "other.py", tmp_path / "cache"
+    calls = PROGRAM.replace("2.0 * x", "other.scaled(x)")
+    scaled = "from optipromp.core.compiled import inner\n\n@inner\ndef scaled(x):\n"
+
+    def ran(before: str, size: float, body: str) -> list[str]:
+        program.write_text(f"import other\n{before}{calls}")
+        other.write_text(f"{scaled}    return {body}\n\nSIZE = {size}\n")
+        moved = {"NUMBA_CACHE_DIR": "", "OPTIPROMP_CACHE": str(cache)}
+        return run(program, cache, PYTHONDONTWRITEBYTECODE="1", **moved)[0]
+
+    assert ran("", 2.0, "SIZE * x") == ["True", "False", "6.0", "0"]
+    assert ran("# further down\n", 2.0, "SIZE * x") == ["True", "True", "6.0", "1"]
+    assert ran("", 4.0, "SIZE * x") == ["True", "False", "12.0", "0"]
+    assert ran("", 4.0, "SIZE + x") == ["True", "False", "7.0", "0"]
+    assert list((cache / "kernels").rglob("program.twice*.nbi"))
 
 
 def test_a_cache_that_names_a_module_of_another_version_is_made_again(program, tmp_path):

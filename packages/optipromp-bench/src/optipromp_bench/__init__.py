@@ -30,8 +30,10 @@ class _Environments(MetaPathFinder):
 
 
 def _register(registry: Any) -> None:
-    for name, kind in (("Pick-v0", "PickEnv"), ("PickProMP-v0", "PickProMPEnv")):
-        registry.register(f"optipromp/{name}", entry_point=f"optipromp_bench.env:{kind}")
+    for name, kind, steps in (("Pick-v0", "PickEnv", 1000), ("PickProMP-v0", "PickProMPEnv", 1)):
+        registry.register(
+            f"optipromp/{name}", entry_point=f"optipromp_bench.env:{kind}", max_episode_steps=steps
+        )
 
 
 if _REGISTRY in sys.modules:

@@ -1,6 +1,6 @@
 """Gymnasium environments of the simulation: ``optipromp/Pick-v0`` and ``optipromp/PickProMP-v0``.
 
-``import optipromp`` registers both.
+``gymnasium.make("optipromp_bench:optipromp/Pick-v0")`` imports and registers them.
 
 Rewards are the benchmark's score: at the end 1 for a clean pick, -1 for harm, 0 for neither. On the
 way ``Pick-v0`` pays the change of a potential (nearness to the target less harm), which is 0 at the
@@ -19,10 +19,12 @@ from gymnasium import spaces
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import Code, InvalidRequestError, OptiPrompError, check_one_of
 from optipromp.core.planning import Plan, plan
+from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject, bare_robot
-from optipromp_bench.episode import RATE, Episode, Observation, guarded, joints_for, score
+from optipromp_bench.episode import LONGEST, RATE, Episode, Observation, guarded, joints_for, score
 from optipromp_bench.primitive import COUNT, OfWeights
 from optipromp_loop.guard import Guard, Safe
+from optipromp_loop.pilot import FRUITS, numbers_of
 from optipromp_sim.generate import PRESETS, Preset, generate
 from optipromp_sim.simulation import Outcome, Run, Simulation, simulate
 from optipromp_sim.situations import CONDITIONS, Situation
@@ -32,6 +34,9 @@ KINDS = "target", "pushable", "avoid", "static"
 WIDTH = 16
 """Numbers of an object: place (3), axis (3), half extents (3), stem's direction (3), stem's
 length, and one of target, pushable or else."""
+FAR, FORCE = 2.0, 500.0
+"""[m] and [N]: where observations end, with their limits of joints and of times. What is beyond is
+told as the end. Choices: places and sizes of all presets are within 0.6 m."""
 
 
 def told(item: SceneObject, scene: Scene, origin: FloatArray) -> FloatArray:
@@ -81,6 +86,29 @@ def state_of(seen: Observation, scene: Scene) -> dict[str, FloatArray]:
         ]
     )  # fmt: skip
     return {"arm": arm, "objects": objects_of((*seen.fruits, *scene.static), scene, origin)}
+
+
+def space_of(ends: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> spaces.Dict:
+    """The space of observations by name, between their lowest and highest numbers."""
+    return spaces.Dict(
+        {k: spaces.Box(*(np.array(e, dtype=np.float32) for e in pair)) for k, pair in ends.items()}
+    )
+
+
+def arm_ends(robot: Robot) -> tuple[Sequence[float], Sequence[float]]:
+    """Lowest and highest ``arm`` of :func:`state_of`."""
+    rest = np.array([*3 * [FAR], *3 * [1.0], *3 * [FORCE], LONGEST, LONGEST])
+    low = np.concatenate([robot.lower, -robot.velocity, -rest[:-2], np.zeros(2)])
+    return low, np.concatenate([robot.upper, robot.velocity, rest])
+
+
+_TOP = np.tile([*3 * [FAR], *3 * [1.0], *3 * [FAR], *3 * [1.0], FAR, *3 * [1.0]], (MOST, 1))
+OBJECTS_ENDS = _TOP * [*6 * [-1], *3 * [0], *3 * [-1], *4 * [0]], _TOP
+"""Lowest and highest ``objects``."""
+_CAMERA = np.array([*3 * [FAR], *9 * [1.0], 2.0 * np.pi, LONGEST, 10.0, 10.0])
+_ROWS = np.tile([*5 * [FAR], 3.0], (FRUITS, 1))
+LOOK_ENDS = {"camera": (-_CAMERA, _CAMERA), "environment_state": (-_ROWS, _ROWS)}
+"""Lowest and highest numbers of a look."""
 
 
 SPEED = 0.15  # [m/s] of the tool at an action of 1: a choice; plans push at 0.1 m/s
@@ -177,7 +205,17 @@ class _Scenes(gymnasium.Env[Any, Any]):
         if not np.isfinite(asked).all():
             k = int(np.argmin(np.isfinite(asked)))
             raise InvalidRequestError(f"action[{k}] is {asked[k]}; must be finite")
-        return np.asarray(np.clip(asked, -1.0, 1.0))
+        assert isinstance(self.action_space, spaces.Box)
+        return np.asarray(np.clip(asked, self.action_space.low, self.action_space.high))
+
+    def _within(self, seen: Mapping[str, Any]) -> dict[str, Any]:
+        """An observation within the bounds of its space."""
+        assert isinstance(self.observation_space, spaces.Dict)
+        out = dict[str, Any]()
+        for name, box in self.observation_space.items():
+            assert isinstance(box, spaces.Box)
+            out[name] = np.clip(seen[name], box.low, box.high).astype(box.dtype)
+        return out
 
     def render(self) -> Any:
         """Arm and fruits now, (height, width, 3) of bytes; None without a mode of rendering."""
@@ -208,41 +246,46 @@ class PickEnv(_Scenes):
 
     Observations: ``arm`` and ``objects`` of :func:`optipromp_bench.env.state_of`; with
     ``observation="picture"`` also ``rgb`` (height, width, 3) and ``depth`` (height, width) [m] of
-    the camera in the tool's mouth. Actions, each between -1 and 1: ``tool``: velocity of the tool
-    point along x_g, y_g, z_g of the approach, whose axis the tool keeps; ``joints``: velocities.
-    An episode ends when the tool has held a fruit for 0.3 s, when something is harmed, or after
+    the camera in the tool's mouth. With ``observation="look"``: joints as ``agent_pos`` (n,), and
+    ``camera`` and ``environment_state`` of :mod:`optipromp_loop.pilot` (there ``fruits``). Actions,
+    each between -1 and 1: ``tool``: velocity of the tool point along x_g, y_g, z_g of the approach,
+    whose axis the tool keeps; ``joints``: velocities; or ``positions`` (n,) of the joints [rad]
+    that are wanted a period later. ``act`` takes velocities [rad/s] in place of an action. An
+    episode ends when the tool has held a fruit for 0.3 s, when something is harmed, or after
     20 s; unlike one of the board it has no way out. Its last ``info`` has ``is_success``, ``cause``
     and ``outcome``, as the simulation judges. The rewards of an episode add up to its score
     (1 clean, -1 harmed, 0 missed) less 0.01 a second.
 
     Args:
         presets, condition, seeds, render_mode: see :class:`_Scenes`.
-        action: ``tool`` or ``joints``.
-        observation: ``state`` or ``picture``.
+        action: ``tool``, ``joints`` or ``positions``.
+        observation: ``state``, ``picture`` or ``look``.
         size: width and height of pictures [pixel].
     """
 
     def __init__(
         self, presets: str | Sequence[str] = "cluster", condition: str = "none",
-        seeds: tuple[int, int] = TRAINING, action: Literal["tool", "joints"] = "tool",
-        observation: Literal["state", "picture"] = "state", size: tuple[int, int] = (96, 72),
-        render_mode: str | None = None,
+        seeds: tuple[int, int] = TRAINING, action: Literal["tool", "joints", "positions"] = "tool",
+        observation: Literal["state", "picture", "look"] = "state",
+        size: tuple[int, int] = (96, 72), render_mode: str | None = None,
     ) -> None:  # fmt: skip
         super().__init__(presets, condition, seeds, render_mode)
-        check_one_of("action", action, ("tool", "joints"))
-        check_one_of("observation", observation, ("state", "picture"))
+        check_one_of("action", action, ("tool", "joints", "positions"))
+        check_one_of("observation", observation, ("state", "picture", "look"))
         self.action, self.observation, self.size = action, observation, _pair("size", size, 1)
-        count = bare_robot(generate(self.presets[0], seeds[0])).n_joints
-        seen: dict[str, spaces.Space[Any]] = {
-            "arm": spaces.Box(-np.inf, np.inf, (2 * count + 11,)),
-            "objects": spaces.Box(-np.inf, np.inf, (MOST, WIDTH)),
-        }
+        self.robot = robot = bare_robot(generate(self.presets[0], seeds[0]))
+        ends = {"arm": arm_ends(robot), "objects": OBJECTS_ENDS}
+        if observation == "look":
+            ends = {"agent_pos": (robot.lower, robot.upper), **LOOK_ENDS}
+        seen = dict(space_of(ends))
         if observation == "picture":
             width, height = size
             seen["rgb"] = spaces.Box(0, 255, (height, width, 3), np.uint8)
-            seen["depth"] = spaces.Box(0.0, np.inf, (height, width))
+            seen["depth"] = spaces.Box(0.0, FAR, (height, width))
         self.observation_space = spaces.Dict(seen)
-        self.action_space = spaces.Box(-1.0, 1.0, (3 if action == "tool" else count,))
+        self.action_space = spaces.Box(-1.0, 1.0, (3 if action == "tool" else robot.n_joints,))
+        if action == "positions":
+            self.action_space = spaces.Box(*(e.astype(np.float32) for e in ends["agent_pos"]))
         self.episode: Episode | None = None
         self.guard: Guard | None = None
         """Through which actions pass, see :class:`Guarded`."""
@@ -269,9 +312,16 @@ class PickEnv(_Scenes):
         if self.action == "tool":
             frame = episode.scene.frame
             q = episode.state.q
-            velocity = joints_for(episode.robot, q, SPEED * asked @ frame, frame[2])
-        else:
-            velocity = JOINTS * episode.robot.velocity * asked
+            return self.act(joints_for(episode.robot, q, SPEED * asked @ frame, frame[2]))
+        if self.action == "positions":
+            return self.act((asked - episode.reference.q) / episode.period)
+        return self.act(JOINTS * episode.robot.velocity * asked)
+
+    def act(self, velocity: FloatArray) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """One period by velocities (n,) of the joints [rad/s]; see ``step``."""
+        episode = self.episode
+        if episode is None or not self._begun:
+            raise InvalidRequestError("no episode is under way: call reset first")
         if self.guard is None:
             episode.act(velocity)
         else:
@@ -315,12 +365,16 @@ class PickEnv(_Scenes):
 
     def _seen(self) -> dict[str, Any]:
         assert self.episode is not None
-        state = state_of(self.episode.observe(), self.episode.scene)
-        out: dict[str, Any] = {name: value.astype(np.float32) for name, value in state.items()}
+        told = self.episode.observe()
+        if self.observation == "look":
+            camera, fruits = numbers_of(told.look, told.time)
+            told_by = {"agent_pos": told.q, "environment_state": fruits, "camera": camera}
+            return self._within(told_by)
+        state = state_of(told, self.episode.scene)
         if self._camera is not None:
             picture = self._camera.take()
-            out |= {"rgb": picture.rgb, "depth": picture.depth.astype(np.float32)}
-        return out
+            state |= {"rgb": picture.rgb, "depth": picture.depth}
+        return self._within(state)
 
 
 class Guarded(gymnasium.Wrapper[Any, Any, Any, Any]):
@@ -404,9 +458,7 @@ class PickProMPEnv(_Scenes):
         if render_mode is not None and not simulated:
             raise InvalidRequestError("render_mode: what is not simulated cannot be shown")
         self.simulated = simulated
-        self.observation_space = spaces.Dict(
-            {"objects": spaces.Box(-np.inf, np.inf, (MOST, WIDTH))}
-        )
+        self.observation_space = space_of({"objects": OBJECTS_ENDS})
         self.action_space = spaces.Box(-1.0, 1.0, (2 * COUNT,))
         self.situation: Situation | None = None
         self.made: Plan | None = None
@@ -458,4 +510,4 @@ class PickProMPEnv(_Scenes):
 
     def _seen(self) -> dict[str, Any]:
         assert self.situation is not None
-        return {"objects": objects_in(self.situation.seen).astype(np.float32)}
+        return self._within({"objects": objects_in(self.situation.seen)})

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from optipromp.lazy import lazy
 
 if TYPE_CHECKING:
-    from optipromp_eyes.boards import Board as Board
+    from optipromp_eyes.calibration import Board as Board
     from optipromp_eyes.calibration import BoardView as BoardView
     from optipromp_eyes.calibration import HandEye as HandEye
     from optipromp_eyes.calibration import SeenTool as SeenTool
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 __getattr__, __dir__ = lazy(
     __name__,
     {
-        "boards": "Board",
-        "calibration": "BoardView HandEye SeenTool by_tool hand_eye",
+        "calibration": "Board BoardView HandEye SeenTool by_tool hand_eye",
         "detector": "ByDetector Detected",
         "eyes": "Detection Sighting look_at seen_scene",
         "finder": "Finder Found Region",

@@ -13,9 +13,9 @@ from scipy.ndimage import label
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp_eyes.boards import needed
 from optipromp_eyes.finder import RIGHT, Class, Found, Region
 from optipromp_eyes.geometry import ByGeometry
+from optipromp_eyes.needed import needed
 from optipromp_eyes.network import ByNetwork
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import ENDS, MOST_PIXELS, DepthPicture, Image8

@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.scenes.pose import Pose
-from optipromp_eyes.boards import opencv
 from optipromp_eyes.finder import Found, Region, most_about
+from optipromp_eyes.needed import opencv
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture
-from optipromp_eyes.stems import Spheroid, stem_of
+from optipromp_eyes.stems import HIDDEN, Spheroid, stem_of
 
 DARK, BLOWN = 25, 250  # largest channel below, above which a pixel tells no colour: a choice
 LEAST_SAMPLES = 200  # pixels that tell of the light: a choice
@@ -24,7 +24,7 @@ GREENEST, STEEP = -0.40, 0.05
 """Logarithm of green over the others, of the 2 % that reflect most green, at which colours tell
 ripeness in half of the pictures, and the width of that step: fitted to 91 renders by MuJoCo in
 white and tinted light, and judged on the same."""
-LONG, EVEN = 3.0, 0.15  # length over width of a tape, deviation of its width: choices
+LONG, FULL = 3.0, 0.85  # length over width of a tape, and share of its box that it fills: choices
 TAPE = "straight, as a tape or tube is"
 SHIFT, LEAD = 6, 2.0  # [pixel] out of register; correlation over that in register: choices
 FARTHEST_SHIFT = 40  # [pixel] that is looked at: a choice
@@ -90,15 +90,9 @@ def _straight(ripe: BoolArray) -> BoolArray:
     islands, _ = ndimage.label(ndimage.binary_closing(ripe, np.ones((3, 3))))
     for number, box in enumerate(ndimage.find_objects(islands), 1):
         island = islands[box] == number
-        places = np.argwhere(island).astype(float)
-        if len(places) < LEAST_SAMPLES:
-            continue
-        way = np.linalg.svd(places[::4] - places.mean(axis=0), full_matrices=False)[2][0]
-        along = places @ way
-        widths = np.bincount((along - along.min()).astype(int))[2:-2]
-        width = float(np.median(widths))
-        inner = widths[round(0.5 * width) : len(widths) - round(0.5 * width)]
-        if len(inner) > (LONG - 1.0) * width and np.std(inner) < EVEN * width:
+        sides = opencv().minAreaRect(np.argwhere(island).astype(np.float32))[1]
+        short, long = sorted(side + 1.0 for side in sides)  # [pixel] from edge to edge
+        if island.sum() > max(FULL * short * long, LEAST_SAMPLES) and long > LONG * short:
             out[box] |= island
     return out
 
@@ -163,7 +157,7 @@ def pose_of(
 
     def straight(turn: FloatArray) -> int:
         """How many of some fruits have a straight stem above them, by a camera turned so."""
-        stems = (stem_of(fit, *points, turn.T @ up, p, 3.0, bends=False) for fit in some)
+        stems = (stem_of(fit, *points, turn.T @ up, p, 3.0, HIDDEN[:1]) for fit in some)
         return sum(stem is not None for stem in stems)
 
     now = sum(hanging[every][:TRIED])

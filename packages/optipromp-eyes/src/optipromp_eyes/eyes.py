@@ -3,19 +3,17 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain, count
 
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter, uniform_filter
 from scipy.spatial import cKDTree
 
-from optipromp.core.arrays import BoolArray, FloatArray, frame_along, lengths
+from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.geometry.shapes import Ellipsoid, PointCloudShape, Shape, Sphere
-from optipromp.core.optimization.problem import reach
-from optipromp.core.planning.task import posed
+from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
 from optipromp.core.scenes.held import pairs_among
-from optipromp.core.scenes.look import Look, unexplained
+from optipromp.core.scenes.look import HIDDEN as BEHIND
+from optipromp.core.scenes.look import Look, points_of
 from optipromp.core.scenes.objects import STEEPEST, Role, SceneObject, Stem, cleared
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes.detector import usual_finder
@@ -24,13 +22,14 @@ from optipromp_eyes.finder import MOST_FITS, Finder, Found, Region, box_of, larg
 from optipromp_eyes.fusing import Detection as Detection
 from optipromp_eyes.fusing import Sighting as Sighting
 from optipromp_eyes.fusing import fused
-from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_green, is_wall, smooth
+from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_green, is_large, smooth
 from optipromp_eyes.parameters import EyeParameters, eyes_of
 from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
 from optipromp_eyes.solids import solids
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
-from optipromp_eyes.stems import FIRST_GAP, SeenStem, stem_of
+from optipromp_eyes.stems import DEPTH, FIRST_GAP, HIDDEN, LEAST, SeenStem, stem_of
 from optipromp_eyes.unmeasured import USUAL, unmeasured
+from optipromp_eyes.unseen import solid_things, unseen_about
 
 KINDS = {"ripe": 1, "unripe": 2, "stem": 2}
 SEEDINGS = 2  # of fits: to what the finder tells, and to what that leaves: a choice
@@ -48,8 +47,6 @@ CUT = 1.25  # length of a stem over what shows of it, where it is cut off: a cho
 MOST_STEM_POINTS = 6000  # that are looked at: a choice
 BESIDE = 13  # [pixel] side of the square that tells what is beside a stem: a choice
 STANDS_OUT = 0.012  # [m] by which a stem is nearer than that: a choice
-UNSEEN = 0.10  # [m] behind what is hard, that may be of it: a board seen on its edge: a choice
-NEAR_FRUITS = 0.15  # [m] from a fruit, where this counts: a choice
 LENT = 0.05  # [m] from which a depth is lent: a choice
 RED_ERROR = 0.03  # of a redness: a choice
 UNSURE = 0.1  # [m] deviation of a lent depth, which errs with all others of its stem: a choice
@@ -90,14 +87,14 @@ def look_at(
         wide = 0.006 * picture.camera.focal / fit.center[2]  # [pixel] of a stem: what errs as one
         per = max(min(wide, 6.0), 1.0)
         stem = stem_of(fit, *traces[0], upward, p, per)
-        straight.append(stem is not None and not stem.bent)
+        straight.append(stem is not None and not stem.gap)
         if stem is None and len(traces) > 1:
-            stem = stem_of(fit, *traces[1], upward, p, per)
+            stem = stem_of(fit, *traces[1], upward, p, per, HIDDEN[:1])
         unsure = any((region.pixels[each.box] & each.part).any() for each, _ in doubted)
         if abs(math.log(fit.radius / p.radius)) > USUAL * p.radius_spread:
             named = _hangs(fit, stem, traces[0][0], p)
         else:
-            named = stem is not None or region.kind == "ripe" or unsure
+            named = (stem is not None and not stem.gap) or region.kind == "ripe" or unsure
             named = named or is_green(picture, region, p)
         if not named:
             continue  # a round front of unknown kind, among the solids
@@ -134,7 +131,7 @@ def _measured(
         colours[region.box][region.part] = KINDS[region.kind]
     out: list[tuple[Region, Spheroid]] = []
     masks = {kind: colours == KINDS[kind] for kind in ("ripe", "unripe")}
-    seeds = [region for region in found.fruits if not is_wall(picture, region, p)]
+    seeds = [region for region in found.fruits if not is_large(picture, region, p)]
     chosen = largest(np.array([region.part.sum() for region in seeds], dtype=np.int64), MOST_FITS)
     left_out, seeds = len(seeds) - len(chosen), [seeds[k] for k in chosen]
     for again in range(SEEDINGS):
@@ -213,7 +210,7 @@ def _stem_points(
     rays, depth = picture.camera.through(rows[:, ::-1]), picture.depth[*rows.T]
     measured = (
         rays[depth > 0.0] * depth[depth > 0.0, None],
-        np.full((depth > 0.0).sum(), p.stem_depth),
+        np.full((depth > 0.0).sum(), DEPTH),
     )
     box = box_of(mask, BESIDE // 2)
     behind = np.where(mask[box], 0.0, picture.depth[box]).astype(np.float32)
@@ -231,14 +228,14 @@ def _stem_points(
     away, nearest = cKDTree(known).query(rows[~sure])
     depth[~sure] = np.where(away * far[nearest] < LENT * picture.camera.focal, far[nearest], 0.0)
     there = depth > 0.0
-    lent = rays[there] * depth[there, None], np.where(sure[there], p.stem_depth, UNSURE)
+    lent = rays[there] * depth[there, None], np.where(sure[there], DEPTH, UNSURE)
     return measured, lent
 
 
 def _hangs(fit: Spheroid, stem: SeenStem | None, points: FloatArray, p: EyeParameters) -> bool:
     """Whether a long stem is seen that ends at a fruit: of ``points`` (N, 3) of stems, few are on
     its line beyond the fruit, as where the stem of another passes behind."""
-    if stem is None or stem.support < 2.0 * p.stem_least:
+    if stem is None or stem.support < 2.0 * LEAST:
         return False
     off = points - fit.center
     along = -off @ stem.direction - max(fit.radius, fit.half)
@@ -299,7 +296,8 @@ def seen_scene(
     (:func:`optipromp.core.scenes.objects.cleared`). Its tilts have the standard deviation
     ``parameters.tilt``; ``parameters`` are by default those of the crop of ``known``. That crop is
     the scene's, and fruits of a width that is unusual of it are told. Fruits without depth are
-    solid where they may be, unless a sighting measured one there.
+    solid where they may be, unless a sighting measured one there. What no picture shows about the
+    target is the scene's ``unseen``.
 
     Raises:
         InvalidRequestError: no fruit is ripe with the probability ``parameters.least_ripe``.
@@ -347,11 +345,10 @@ def seen_scene(
         role: Role = "target" if item is target else "pushable"
         stem = item.stem or Stem.hidden(item.position, known.up, long, p.tilt)
         fruits.append(replace(item, role=role, stem=stem))
-    solid = _solid(sights, known, found)
-    if solid:
+    if solid := solid_things(sights, known, found):
         told = "; ".join(f"{item.id} at {where}" for where, item in solid)
         assumed.append(
-            f"solid, since no fruit, stem or known thing explains it, and up to {1e3 * UNSEEN:.0f} "
+            f"solid, since no fruit, stem or known thing explains it, and up to {1e3 * BEHIND:.0f} "
             "mm behind, which nobody saw (another picture from aside, and --together, may show it "
             f"free): {told}"
         )
@@ -361,81 +358,7 @@ def seen_scene(
         known, name=f"{known.name}-seen", objects=(*objects, *known.static),
         camera=sights[0].look.camera, may_touch=pairs_among(known.may_touch, gone), goal=None,
     )  # fmt: skip
-    return scene, tuple(assumed)
-
-
-def _solid(
-    sights: Sequence[Sighting], known: Scene, fruits: Sequence[SceneObject]
-) -> list[tuple[str, SceneObject]]:
-    """What is solid in the base frame beside what is known and the arm at its start, each with its
-    place in its picture in words; ids are those of the look, if free."""
-    robot, state = posed(known)
-    arm = np.column_stack([robot.sphere_centers(state.q), robot.spheres.radius])
-    taken, out = {item.id for item in (*known.objects, *fruits)}, []
-    for k, each in enumerate(sights, 1):
-        view = "" if len(sights) == 1 else f" of picture {k}"
-        places = {o.id: p for o, p in zip(each.look.solids, each.places, strict=True)}
-        shown = list(unexplained(each.look, known, fruits, arm, reach(robot)))
-        others = [one.picture for one in sights if one is not each and one.picture is not None]
-        shades = filter(None, (_shade(item, each.look, fruits, others) for item in shown))
-        look = replace(each.look, solids=tuple(shades))
-        hidden = {o.id: [o] for o in unexplained(look, known, fruits, arm, reach(robot))}
-        for item in shown:
-            more = (f"{item.id}-{n}" for n in count(2))
-            name = next(n for n in chain([item.id], more) if n not in taken)
-            taken.add(name)
-            whole = _clouded(item, _points(item), *map(_points, hidden.get(item.id, ())))
-            out.append((places[item.id] + view, replace(whole, id=name)))
-    return out
-
-
-def _shade(
-    item: SceneObject, look: Look, fruits: Sequence[SceneObject], others: Sequence[DepthPicture]
-) -> SceneObject | None:
-    """What nobody saw behind a hard cloud near the fruits, in the frame of the camera of ``look``:
-    up to :data:`UNSEEN`, less what one of the ``others`` looks through; None: nothing."""
-    if item.role != "static" or not isinstance(item.shape, PointCloudShape):
-        return None
-    points = _points(item)
-    away, _ = cKDTree([fruit.position for fruit in fruits]).query(points)
-    points = points[away < NEAR_FRUITS]
-    ways = points - look.camera.position
-    ways /= lengths(ways)[:, None]
-    side = 2.0 * item.shape.radius
-    points = (points + np.arange(side, UNSEEN, side)[:, None, None] * ways).reshape(-1, 3)
-    points = side * (np.unique(np.floor(points / side), axis=0) + 0.5)
-    for other in others:
-        points = points[~_open(points, other)]
-    return _clouded(item, points).transformed(look.camera.inverse()) if len(points) else None
-
-
-def _points(item: SceneObject) -> FloatArray:
-    cloud = item.shape if isinstance(item.shape, PointCloudShape) else None
-    points = item.shape.surface().reshape(-1, 3) if cloud is None else cloud.points
-    return np.asarray(item.position + points @ item.rotation.T)
-
-
-def _clouded(item: SceneObject, *clouds: FloatArray) -> SceneObject:
-    """A cloud, with points (N, 3) of its frame in place of its own; itself if it is none."""
-    if not isinstance(item.shape, PointCloudShape):
-        return item
-    points = np.concatenate(clouds)
-    middle = points.mean(axis=0)
-    return replace(item, shape=replace(item.shape, points=points - middle), position=middle)
-
-
-def _open(points: FloatArray, picture: DepthPicture) -> BoolArray:
-    """Whether a picture measures something behind points (N, 3) in the base frame, or nothing
-    about them, as of a far background."""
-    lens, known = picture.camera, most_about(picture.depth, 15) > 0.0
-    depth = np.where(known, picture.depth, np.inf)
-    local = (points - lens.pose.position) @ lens.pose.rotation
-    column, row = np.rint(lens.pixels(local)).astype(int).T
-    inside = (row >= 0) & (row < lens.height) & (column >= 0) & (column < lens.width)
-    inside &= local[:, 2] > 0.0
-    out = np.zeros(len(points), dtype=bool)
-    out[inside] = depth[row[inside], column[inside]] > local[inside, 2] + 0.02
-    return out
+    return replace(scene, unseen=unseen_about(sights, scene)), tuple(assumed)
 
 
 def doubt_of(
@@ -506,7 +429,7 @@ def overlay(picture: DepthPicture, sight: Sighting) -> Image8:
     dots where it is solid."""
     out = np.array(picture.rgb)
     for item in sight.look.solids:
-        _dots(out, picture, _points(item), SOFT if item.role == "avoid" else HARD)
+        _dots(out, picture, points_of(item), SOFT if item.role == "avoid" else HARD)
     for each in sight.detections:
         edge = binary_dilation(edge_of(each.region.pixels))
         out[edge] = RIPE if each.item.role == "target" else UNRIPE

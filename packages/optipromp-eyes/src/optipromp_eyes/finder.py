@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, IntArray, read_only
-from optipromp_eyes.boards import opencv
+from optipromp_eyes.needed import opencv
 from optipromp_eyes.pictures import DepthPicture
 
 Class = Literal["ripe", "unripe", "stem", "leaf"]

@@ -2,15 +2,15 @@
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp_eyes.boards import opencv
 from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
+from optipromp_eyes.needed import opencv
 from optipromp_eyes.parameters import Colour, EyeParameters
 from optipromp_eyes.pictures import DepthPicture, Image8
 
@@ -21,8 +21,6 @@ RAGGED = 2  # [pixel] by which edges of depth are ragged: a choice
 WALL = 1.2  # radii of the largest fruit inside a surface that is a wall: a choice
 REACH = 1.6  # radii of the ball inside a fruit up to which the fruit goes: a choice
 LARGE = 4.0  # areas of the largest fruit's disc that no fruit has, be it twice as long: a choice
-FLAT, SURE = 0.25, 2.0  # curvatures of the largest fruit, deviations; below: a wall: choices
-FEW = 20  # depths that tell no curvature: a choice
 MOST_BALLS = 512  # of an island: a choice; pictures of rows have up to 196
 MOST_WORK = 3  # areas of the picture that the boxes of islands have together; rows have 1.8
 
@@ -201,9 +199,10 @@ def hsv(rgb: NDArray[Any]) -> tuple[FloatArray, FloatArray, FloatArray]:
 def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
     """Depths, each hole at ``where`` (0) with that of the nearest pixel that has one."""
     out = depth.astype(np.float32)
+    none = np.float32(1e9)  # [m] not infinite: beyond the border OpenCV has a finite number
     for _ in range(HOLE):
-        near = opencv().erode(np.where(out > 0.0, out, np.inf), np.ones((3, 3), np.uint8))
-        out = np.where(where & (out == 0.0) & np.isfinite(near), near, out)
+        near = opencv().erode(np.where(out > 0.0, out, none), np.ones((3, 3), np.uint8))
+        out = np.where(where & (out == 0.0) & (near < none), near, out)
     return np.asarray(out, dtype=np.float64)
 
 
@@ -220,57 +219,12 @@ def _roundness(pixels: BoolArray) -> float:
     return float(min(len(rows) / whole, 1.0))
 
 
-class Front(NamedTuple):
-    """How the front of a region bulges towards the camera: largest and least curvature [1/m], of a
-    ball one over its radius, and their standard deviation."""
-
-    most: float
-    least: float
-    deviation: float
-
-
-def front_of(picture: DepthPicture, region: Region, p: EyeParameters) -> Front | None:
-    """The front of a region, by a paraboloid through its depths; None where too few are known."""
-    rows, columns = region.box
-    depth = picture.depth[region.box]
-    inner = ndimage.binary_erosion(region.part, SQUARE, RAGGED) & (depth > 0.0)
-    places = np.argwhere(inner)
-    if len(places) < FEW:
-        return None
-    every = np.linspace(0, len(places) - 1, min(len(places), 200)).astype(int)
-    places = places[every]
-    far = depth[places[:, 0], places[:, 1]]
-    middle = float(np.median(far))
-    near = np.abs(far - middle) < p.most_radius
-    if near.sum() < FEW:
-        return None
-    places = places[near] + [rows.start, columns.start]
-    x, y, z = (picture.camera.through(places[:, ::-1]) * far[near, None]).T
-    x, y = x - x.mean(), y - y.mean()
-    design = np.column_stack([np.ones(len(x)), x, y, x**2, x * y, y**2])
-    inverse = np.linalg.pinv(design.T @ design, hermitian=True)
-    told = inverse @ (design.T @ z)
-    error = max(p.depth_noise * middle**2, float(np.std(z - design @ told)))
-    # depths err in patches
-    error *= math.sqrt(max(len(x) * p.patch / region.part.sum(), 1.0))
-    bend = np.array([[2.0 * told[3], told[4]], [told[4], 2.0 * told[5]]])
-    least, most = np.linalg.eigvalsh(bend)
-    return Front(
-        float(most), float(least), 2.0 * error * math.sqrt(max(inverse[3, 3], inverse[5, 5]))
-    )
-
-
-def is_wall(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
-    """Whether a region is no fruit, before it is fitted: larger than the largest, or flat."""
+def is_large(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
+    """Whether a region is larger than the largest fruit, and so none, before it is fitted."""
     depth = picture.depth[region.box][region.part]
-    depth = depth[depth > 0.0]
-    if not depth.size:
-        return False
-    size = float(np.median(depth)) ** 2 / (picture.camera.fx * picture.camera.fy)
-    if depth.size * size > LARGE * math.pi * p.most_radius**2:
-        return True
-    front = front_of(picture, region, p)
-    return front is not None and front.most + SURE * front.deviation < FLAT / p.most_radius
+    far = float(np.median(depth[depth > 0.0])) if (depth > 0.0).any() else 0.0
+    area = int((depth > 0.0).sum()) * far**2 / (picture.camera.fx * picture.camera.fy)
+    return area > LARGE * math.pi * p.most_radius**2
 
 
 def is_green(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:

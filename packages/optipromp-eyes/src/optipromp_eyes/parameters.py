@@ -16,8 +16,7 @@ LARGEST = {"deg": 360.0, "1": 20.0, "m": 10.0, "1/m": 1.0, "pixel": 1e6}
 POSITIVE = {
     "ripe_width", "ripe_dye_width", "ripe_bright_width", "green_width", "green_dye_width",
     "green_bright_width", "stem_dye_width", "stem_bright_width", "radius_spread", "longer_spread",
-    "depth_noise", "patch", "outline", "outline_run", "tilt", "stem_aside", "stem_noise",
-    "stem_depth",
+    "depth_noise", "patch", "tilt",
 }  # fmt: skip
 """Numbers that divide others."""
 
@@ -90,19 +89,8 @@ class EyeParameters(Checked):
     depth_noise: float = parameter(0.0093, "1/m", "published", "deviation of depth over its square")
     depth_scale: float = parameter(0.005, "1", "guess", "deviation of a picture's relative depth")
     patch: float = parameter(28.0, "pixel", "measured", "that err as one: 4 π σ², a filter of 1.5")
-    outline: float = parameter(1.0, "pixel", "guess", "deviation of an outline")
-    outline_run: float = parameter(4.0, "pixel", "guess", "length of outline that errs as one")
-    model: float = parameter(0.0015, "m", "measured", "of a centre besides: fruits no spheroids")
-    # a tip's front tells little of the length
-    tip: float = parameter(0.2, "1", "measured", "over the radius, along an axis that is in view")
     tilt: float = parameter(18.0, "deg", "measured", "median of 1,704 strawberries (StrawDI)")
-    stem_reach: float = parameter(0.06, "m", "choice", "above a fruit; tells the direction")
-    stem_least: float = parameter(0.020, "m", "choice", "least length that is a stem")
-    stem_aside: float = parameter(0.0045, "m", "choice", "distance from its line, across the view")
-    stem_noise: float = parameter(0.002, "m", "guess", "of a stem's pixels from its line, across")
-    stem_depth: float = parameter(0.004, "m", "guess", "the same along the view; edges blur")
     stem_length: float = parameter(0.15, "m", "guess", "of a stem that was not seen")
-    stem_floor: float = parameter(2.0, "deg", "guess", "least deviation of a stem's tilt")
 
     signed = ("longer",)
 

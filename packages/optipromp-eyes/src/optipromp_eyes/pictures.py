@@ -17,7 +17,7 @@ from optipromp.core.documents import read_document
 from optipromp.core.errors import InvalidRequestError, OptiPrompError, suggest
 from optipromp.core.files import read_bytes, read_npz
 from optipromp.core.scenes.pose import Pose
-from optipromp_eyes.boards import needed, opencv
+from optipromp_eyes.needed import needed, opencv
 
 Image8 = NDArray[np.uint8]  # (height, width, 3)
 DEPTH_SCALE = 1e-4  # [m] of a step in a 16-bit picture of depth, as ours are written: a choice

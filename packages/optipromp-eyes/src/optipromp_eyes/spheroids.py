@@ -16,6 +16,9 @@ from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture
 
 Codes = NDArray[np.int8]  # (height, width) the colour of each pixel; 0: none
+RUN = 4.0  # [pixel] of outline, which errs by a pixel, that errs as one: a guess
+MODEL = 0.0015  # [m] measured deviation of a centre besides: fruits are no spheroids
+TIP = 0.2  # of the radius, measured: the same along an axis in view, whose length the tip hides
 HUBER = 2.0  # [standard deviations] beyond which a residual counts linearly: a choice
 
 
@@ -201,7 +204,7 @@ def shown_of(
     known = depth > 0.0
     mine = known & (colour == kinds[:, None]) & (np.abs(depth - front) < slack)
     inside = aside < 1.0
-    area = np.maximum(inside.sum(axis=1), 1)
+    area = np.maximum((inside & ~np.isnan(depth)).sum(axis=1), 1)  # within the picture
     deep = aside < 1.0 - np.minimum(INSIDE / size, 0.3)[:, None]
     ring = (aside > 1.0 + 2.0 / size[:, None]) & (aside < 1.0 + 6.0 / size[:, None])
     support = mine & deep
@@ -254,8 +257,8 @@ def _outlines(
         _, _, beyond = _there(picture, edge + ahead * turn)
         free &= ~((beyond > 0.0) & (beyond < front + BEFORE)) & ~np.isnan(beyond)
     around = 2.0 * math.pi * size / TURNS  # [pixel] of a direction
-    per = np.maximum(p.outline_run / around, 1.0)
-    return ways, free * (focal / (p.outline * balls.center[:, 2] * np.sqrt(per)))[:, None]
+    per = np.maximum(RUN / around, 1.0)
+    return ways, free * (focal / (balls.center[:, 2] * np.sqrt(per)))[:, None]
 
 
 class SeedStart(NamedTuple):
@@ -296,8 +299,8 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     radius = math.sqrt(area / math.pi) / focal * middle
     radius = float(np.clip(radius, p.least_radius, p.most_radius))
     around = 2.0 * math.pi * radius * focal / middle
-    per = max(p.outline_run * len(edge) / max(around, 1.0), 1.0)
-    pulls = np.full(len(edge), focal / (p.outline * middle * math.sqrt(per)))
+    per = max(RUN * len(edge) / max(around, 1.0), 1.0)
+    pulls = np.full(len(edge), focal / (middle * math.sqrt(per)))
     data = FitData(points, weights, camera.through(edge[:, ::-1]), pulls)
     return SeedStart(np.median(points, axis=0), radius, data)
 
@@ -343,7 +346,7 @@ class Spheroid:
     covariance: FloatArray  # (3, 3) of the centre [m²]
     round: float  # deviation of the depths from a plane over that from the spheroid; a wall has 1
     bulge: float  # its square less that of a spheroid in the mean, in standard deviations
-    share: float  # part of its outline's area where its surface is seen
+    share: float  # part of its outline's area within the picture where its surface is seen
     through: float  # part of its outline's area where something farther is seen
     spill: float  # part of a ring about its outline where its colour goes on at its depth
     off: float  # mean error of the free outline over the radius
@@ -419,10 +422,10 @@ def _spheroid(
 ) -> Spheroid:  # fmt: skip
     center, radius = x[:3], math.exp(x[3])
     whole = np.linalg.inv(hessian)  # of centre, logarithms of radius and length over width, tilts
-    whole[:3, :3] += p.depth_scale**2 * np.outer(center, center) + p.model**2 * np.eye(3)
+    whole[:3, :3] += p.depth_scale**2 * np.outer(center, center) + MODEL**2 * np.eye(3)
     axis = axis_of(x[None], axes)[0][0]
     along = float(axis @ center) / float(np.linalg.norm(center))
-    whole[:3, :3] += (p.tip * radius * along) ** 2 * np.outer(axis, axis)
+    whole[:3, :3] += (TIP * radius * along) ** 2 * np.outer(axis, axis)
     whole = 0.5 * (whole + whole.T)
     used = look.data.weights[k] > 0.0
     weights = look.data.weights[k][used]

@@ -21,23 +21,25 @@ from tests.perception.shots import written
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import npz
 from optipromp_eyes import (
+    ByDetector,
     ByGeometry,
     ByNetwork,
     CameraModel,
     DepthPicture,
+    Detected,
     EyeParameters,
     Region,
     load_picture,
     look_at,
 )
 from optipromp_eyes.finder import MOST_FITS, MOST_REGIONS, largest
-from optipromp_eyes.geometry import is_wall
+from optipromp_eyes.geometry import is_large
 from optipromp_eyes.network import LARGEST
 from optipromp_eyes.pictures import ENDS, MOST_SEEN, taken
 
 
 def wall(height: int, width: int, far: float) -> DepthPicture:
-    """A green wall whose depth has twice the noise of a small stereo camera."""
+    """A green wall of twice a small stereo camera's noise, which parts it; once does not."""
     rng, size = np.random.default_rng(0), (height, width)
     smooth = 0.0162 * gaussian_filter(rng.standard_normal(size), 2.0) / 0.141
     depth = far + far**2 * (smooth + 0.007 * rng.standard_normal(size))
@@ -101,26 +103,24 @@ def test_the_worst_mess_is_bounded_in_all_that_is_counted() -> None:
     assert finder.shown < 1.1 * LARGEST * MOST_SEEN  # one scale, but for blocks
 
 
-def ball_and_wall(bulge: float) -> tuple[DepthPicture, Region]:
+def ball_and_wall(bulge: float) -> tuple[DepthPicture, np.ndarray]:
     """A disc of 20 mm, 0.4 m away, whose middle is ``bulge`` nearer than its rim [m]."""
     rows, columns = np.indices((240, 320))
     off = np.hypot(rows - 120, columns - 160)
     front = np.sqrt(np.maximum(1.0 - (off / 12.0) ** 2, 0.0))
     depth = np.where(off < 12.0, 0.4 - bulge * front, 0.6)
     lens = CameraModel(320, 240, 240.0, 240.0, 159.5, 119.5)
-    return DepthPicture(np.zeros((240, 320, 3), np.uint8), depth, lens), Region(
-        "unripe", off < 12.0, 1.0
-    )
+    return DepthPicture(np.zeros((240, 320, 3), np.uint8), depth, lens), off < 12.0
 
 
-def test_what_is_flat_or_large_is_not_fitted() -> None:
-    for bulge, flat in ((0.0, True), (0.001, True), (0.018, False)):
-        shown, region = ball_and_wall(bulge)
-        precise = EyeParameters(depth_noise=0.002)
-        assert is_wall(shown, region, precise) == flat
-    near, _ = ball_and_wall(0.018)
-    large = Region("unripe", np.ones(near.depth.shape, dtype=bool), 1.0)
-    assert is_wall(near, large, EyeParameters())
+def test_what_is_flat_is_no_fruit_and_what_is_large_is_not_fitted() -> None:
+    precise = EyeParameters(depth_noise=0.002)
+    for bulge, fruits in ((0.0, 0), (0.001, 0), (0.018, 1)):
+        shown, disc = ball_and_wall(bulge)
+        finder = ByDetector.of([Detected("ripe", 0.9, mask=disc)])
+        assert len(look_at(shown, finder=finder, parameters=precise).detections) == fruits
+    assert not is_large(shown, Region("unripe", disc, 1.0), precise)
+    assert is_large(shown, Region("unripe", np.ones(disc.shape, dtype=bool), 1.0), precise)
 
 
 def test_a_region_keeps_its_box_and_gives_its_pixels() -> None:

@@ -20,14 +20,8 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes.hand import flange_of
 from optipromp.core.scenes.pose import Pose
-from optipromp_eyes.boards import Board
-from optipromp_eyes.calibration import (
-    BoardView,
-    CalibrationParameters,
-    SeenTool,
-    by_tool,
-    hand_eye,
-)
+from optipromp_eyes.calibration import Board, BoardView, SeenTool, by_tool, hand_eye
+from optipromp_eyes.calibration.fitting import ANGLE, PLACE
 from optipromp_eyes.pictures import Mount, load_camera
 
 BOARD = Board("charuco", 7, 5, 0.03, 0.022)
@@ -50,9 +44,8 @@ def pixels_of(board: Board, view: Pose, rng: np.random.Generator) -> NDArray[np.
 
 
 def shaken(hand: Pose, rng: np.random.Generator, share: float) -> Pose:
-    p = CalibrationParameters()
-    turn = Rotation.from_rotvec(share * rng.normal(0.0, p.angle, 3), degrees=True)
-    return hand @ Pose(share * rng.normal(0.0, p.place, 3), turn.as_matrix())
+    turn = Rotation.from_rotvec(share * rng.normal(0.0, ANGLE, 3), degrees=True)
+    return hand @ Pose(share * rng.normal(0.0, PLACE, 3), turn.as_matrix())
 
 
 @pytest.mark.parametrize("board", BOARDS, ids=lambda b: f"{b.pattern}-{b.columns}x{b.rows}")

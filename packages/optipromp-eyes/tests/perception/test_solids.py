@@ -178,3 +178,21 @@ def test_leaves_yield_and_a_finder_may_tell_them() -> None:
     finder = ByDetector(lambda rgb: [Detected("leaf", 0.9, mask=picture.depth < 1.0)])
     (thing,) = look_at(picture, up=UP, finder=finder).look.solids
     assert (thing.id, thing.role) == ("leaf1", "avoid")
+
+
+def test_what_no_picture_shows_is_told_and_another_from_aside_shows_it() -> None:
+    """Behind the target, 40 mm along the ray of the first camera, and not before it."""
+    shot = shot_of(SEED)
+    known, target = shot.scene, shot.scene.target
+    eye = shot.picture.camera.pose
+    turn = rotation(known.up, math.radians(70.0))
+    aside = Pose(target.position + turn @ (eye.position - target.position), turn @ eye.rotation)
+    second = photograph(replace(known, camera=aside), seed=SEED)
+    sights = [look_at(one.picture, up=known.up) for one in (shot, second)]
+    one, both = seen_scene(sights[0], known)[0].unseen, seen_scene(sights, known)[0].unseen
+    way = target.position - eye.position
+    behind, before = (target.position + by * way / np.linalg.norm(way) for by in (0.04, -0.08))
+    cells = one.position + one.shape.points
+    assert lengths(cells - behind).min() < 0.01
+    assert lengths(cells - before).min() > 0.01
+    assert len(both.shape.points) < 0.5 * len(cells)

@@ -1,22 +1,21 @@
 """LeRobot: the closed loop as a policy, and the guard as a step of a pipeline of actions.
 
 ``import optipromp_loop.lerobot`` registers the policy ``optipromp`` and the step
-``optipromp_guard``. Both take numbers by name; no picture is needed:
+``optipromp_guard``; where the distribution ``lerobot_policy_optipromp`` is installed, LeRobot's
+own commands do. Both take numbers by name; no picture is needed:
 
 - ``observation.state`` (n,): positions of the joints [rad or m].
-- ``observation.camera`` (16,): of the newest look: place of the camera (3) [m] and its rotation (9,
-  row by row) in the robot's base frame, its full opening angle [rad], age of the look [s], nearest
-  and farthest distance that the camera measures [m] (0: not known). An angle of 0: no look has
-  come.
-- ``observation.environment_state`` (FRUITS, 6): what the look shows: place in the base frame (3)
-  [m], its deviation [m], radius [m], and its role: 1 target, 2 pushable, 3 avoid, 0 an empty row.
+- ``observation.camera`` (16,) and ``observation.environment_state`` (FRUITS, 6): the newest look,
+  see :mod:`optipromp_loop.pilot`. Without them, nothing is seen.
+- ``task``: what is to be done. One that is a scene in JSON replaces the scene of the policy.
 
-Without the last two, nothing is seen. Tested with LeRobot 0.4.
+Tested with LeRobot 0.6.
 """
 
+import json
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 import numpy as np
@@ -37,50 +36,17 @@ from lerobot.utils.constants import ACTION, OBS_ENV_STATE, OBS_STATE
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, check_one_of
-from optipromp.core.execution.executor import standing
-from optipromp.core.execution.streaming import Line
-from optipromp.core.geometry import Sphere
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import load_scene
+from optipromp.core.scenes.io import scene_from_dict
 from optipromp.core.scenes.look import Look
-from optipromp.core.scenes.objects import SceneObject
-from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.control.controller import Controller
-from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.guard import Guard, GuardParameters, Safe
+from optipromp_loop.pilot import COMMANDS, FRUITS, Commands, Pilot, look_in, numbers_of
 
 OBS_CAMERA = "observation.camera"
-ROLES = "target", "pushable", "avoid"
-FRUITS = 32  # rows of detections: as many as the tracker follows, a choice
-KNOWN = 0.1  # [m] from a detection to the fruit of the scene whose shape it takes: a choice
-GAIN = 2.0  # [1/s] of the joints' error of position in commands of velocity: a choice
-TURNED = 1.0  # [rad or m] of a joint whose arm follows the tool point alone: a choice
-COMMANDS = "positions", "velocities", "tool"
-
-
-@dataclass
-class Commands:
-    """What actions are.
-
-    Attributes:
-        scene: a built-in scene or a file, with robot and tool, what stands, and fruits if known.
-        rate: of actions [Hz].
-        commands: ``positions`` [rad or m] or ``velocities`` of the joints, or ``tool``: velocity
-            (3,) of the tool point [m/s], whose axis is kept.
-    """
-
-    scene: str = "scenario-3"
-    rate: float = 50.0
-    commands: str = "positions"
-
-    def names(self, robot: Robot) -> list[str]:
-        """Of the numbers of an action."""
-        if self.commands == "tool":
-            return [f"tool.{axis}.vel" for axis in "xyz"]
-        ending = "pos" if self.commands == "positions" else "vel"
-        return [f"{joint}.{ending}" for joint in robot.joint_names]
 
 
 @PreTrainedConfig.register_subclass("optipromp")
@@ -120,13 +86,13 @@ class OptiPrompConfig(Commands, PreTrainedConfig):
 
 
 class OptiPrompPolicy(PreTrainedPolicy):
-    """The controller of the closed loop, one pick at a time.
+    """The controller of the closed loop, one pick at a time in each row of a batch.
 
-    A batch has one row. Its ``timestamp`` [s] may tell when it was observed; without it, the
-    actions that were given tell the time.
+    ``timestamp`` [s] of a batch may tell when it was observed; without it, the actions that were
+    given tell the time.
 
     Attributes:
-        controller: with its stage, its events and its plans.
+        pilots: of the rows; each has a controller with its stage, its events and its plans.
         names: of the numbers of an action.
     """
 
@@ -145,17 +111,20 @@ class OptiPrompPolicy(PreTrainedPolicy):
         config.input_features = features(robot)
         config.output_features = {ACTION: PolicyFeature(FeatureType.ACTION, (len(self.names),))}
 
+    @property
+    def controller(self) -> Controller:
+        """Of the first row."""
+        return self.pilots[0].controller
+
     def reset(self) -> None:
         """Begin a pick."""
-        c = self.config
-        cycles = max(c.n_action_steps / (c.rate * CONTROL.period), 1.0)  # of a chunk
-        slices = replace(CONTROL, slice_steps=round(CONTROL.slice_steps * cycles))
-        if c.commands == "tool":
-            slices = replace(slices, off_curve=TURNED)
-        self.controller = Controller(self._scene, seed=c.seed, parameters=slices)
-        self._line: Line | None = None
         self._queue: deque[torch.Tensor] = deque()
-        self._given, self._seen = 0, -np.inf
+        self._given, self._begun, self.pilots = 0, False, [self._pilot("")]
+
+    def _pilot(self, task: str) -> Pilot:
+        """For a task, which may be a scene."""
+        scene = scene_from_dict(json.loads(task)) if task.startswith("{") else self._scene
+        return Pilot(scene, self.config, seed=self.config.seed, steps=self.config.n_action_steps)
 
     def get_optim_params(self) -> dict[str, Any]:
         """Nothing is learnt."""
@@ -170,46 +139,37 @@ class OptiPrompPolicy(PreTrainedPolicy):
         raise InvalidRequestError("optipromp plans; there is nothing to train")
 
     @torch.no_grad()
-    def select_action(self, batch: Mapping[str, torch.Tensor], **ignored: Any) -> torch.Tensor:
-        """The next action (1, k); a chunk is asked for where none is left."""
+    def select_action(self, batch: Mapping[str, Any], **ignored: Any) -> torch.Tensor:
+        """The next actions (rows, k); a chunk is asked for where none is left."""
         if not self._queue:
-            self._queue.extend(self.predict_action_chunk(batch)[0])
+            self._queue.extend(self.predict_action_chunk(batch).swapaxes(0, 1))
         self._given += 1
-        return self._queue.popleft()[None]
+        return self._queue.popleft()
 
     @torch.no_grad()
-    def predict_action_chunk(
-        self, batch: Mapping[str, torch.Tensor], **ignored: Any
-    ) -> torch.Tensor:
-        """The actions (1, n_action_steps, k) from a moment on, ``1 / rate`` apart."""
-        c, robot = self.config, self.controller.robot
-        q = row_of(batch[OBS_STATE], robot.n_joints)
-        now = float(row_of(batch["timestamp"])[0]) if "timestamp" in batch else self._given / c.rate
-        if self._line is None:
-            self._line = Line.of(standing(robot, State(q)), now)
-        look = look_of(batch, self._scene, now)
-        if look is not None and look.time > self._seen:
-            self._seen = look.time
-            self.controller.see(look)
-        reference = self._line.at(now)
-        stretch = self.controller(now, State(q, reference.velocity), reference)
-        if stretch is not None:
-            self._line = self._line.take(stretch, now, anew=self.controller.lost)
-        ahead = [self._line.at(now + k / c.rate) for k in range(1, c.n_action_steps + 1)]
-        return torch.tensor(
-            np.array([[self._command(state, q, reference.q) for state in ahead]]),
-            dtype=torch.float32,
-        )
+    def predict_action_chunk(self, batch: Mapping[str, Any], **ignored: Any) -> torch.Tensor:
+        """The actions (rows, n_action_steps, k) from a moment on, ``1 / rate`` apart."""
+        states = torch.as_tensor(batch[OBS_STATE])
+        states = states.reshape(-1, states.shape[-1])
+        told = batch.get("task", "")
+        tasks = [told] * len(states) if isinstance(told, str) else list(told)
+        if not self._begun and (len(states) > 1 or tasks[0].startswith("{")):
+            self.pilots = [self._pilot(task) for task in tasks]
+        self._begun = True
+        if len(states) != len(self.pilots):
+            begun = f"the picks began with {len(self.pilots)}"
+            raise InvalidRequestError(f"a batch of {len(states)} rows; {begun}: call reset first")
+        chunks = [self._chunk(k, batch) for k in range(len(states))]
+        return torch.tensor(np.array(chunks), dtype=torch.float32)
 
-    def _command(self, state: State, q: FloatArray, reference: FloatArray) -> FloatArray:
-        """An action that leads to a state, of an arm at ``q`` (n,) in place of ``reference``."""
-        robot = self.controller.robot
-        if self.config.commands == "positions":
-            return state.q
-        if self.config.commands == "velocities":
-            return np.asarray(state.velocity - GAIN * (q - reference))
-        off = robot.tool_pose(q)[0] - robot.tool_pose(reference)[0]
-        return np.asarray(robot.tool_jacobian(state.q)[0] @ state.velocity - GAIN * off)
+    def _chunk(self, k: int, batch: Mapping[str, Any]) -> FloatArray:
+        """The actions (n_action_steps, k) of a row of a batch."""
+        pilot, rows = self.pilots[k], len(self.pilots)
+        names = OBS_CAMERA, OBS_ENV_STATE, "timestamp"
+        row = {name: row_of(batch[name], None, k, rows) for name in names if name in batch}
+        now = float(row["timestamp"][0]) if "timestamp" in row else self._given / self.config.rate
+        q = row_of(batch[OBS_STATE], pilot.controller.robot.n_joints, k, rows)
+        return pilot.chunk(now, q, look_of(row, pilot.scene, now))
 
 
 def make_optipromp_pre_post_processors(
@@ -329,64 +289,28 @@ def features(robot: Robot) -> dict[str, PolicyFeature]:
     }
 
 
-def row_of(value: Any, size: int | None = None) -> FloatArray:
-    """Numbers of a batch of one row, as (size,).
+def row_of(value: Any, size: int | None = None, k: int = 0, rows: int = 1) -> FloatArray:
+    """Row ``k`` of the numbers of a batch of ``rows``, as (size,).
 
     Raises:
         InvalidRequestError: there are more or fewer.
     """
-    out = torch.as_tensor(value).detach().cpu().numpy().astype(np.float64).ravel()
+    out = torch.as_tensor(value).detach().cpu().numpy().astype(np.float64).reshape(rows, -1)[k]
     if size is not None and out.size != size:
-        raise InvalidRequestError(f"{out.size} numbers came, {size} are needed: one row a batch")
+        raise InvalidRequestError(f"{out.size} numbers came, {size} are needed")
     return np.asarray(out)
 
 
 def batch_of(q: FloatArray, look: Look | None = None, now: float = 0.0) -> dict[str, torch.Tensor]:
-    """An observation of joints (n,) and of a look at a time ``now`` [s], as LeRobot's tensors.
-
-    A look of more than FRUITS detections keeps the first.
-    """
-    camera, rows = np.zeros(16), np.zeros((FRUITS, 6))
-    if look is not None:
-        pose = look.camera
-        far = look.far if look.far < np.inf else 0.0
-        told = look.view, now - look.time, look.near, far
-        camera = np.concatenate([pose.position, pose.rotation.ravel(), told])
-        for row, item in zip(rows, look.in_base(), strict=False):
-            deviation = np.sqrt(np.trace(np.asarray(item.covariance)) / 3.0)
-            row[:] = *item.position, deviation, item.radius, 1 + ROLES.index(item.role)
-    numbers = {OBS_STATE: q, OBS_CAMERA: camera, OBS_ENV_STATE: rows}
+    """An observation of joints (n,) and of a look at a time ``now`` [s], as LeRobot's tensors."""
+    camera, fruits = numbers_of(look, now)
+    numbers = {OBS_STATE: q, OBS_CAMERA: camera, OBS_ENV_STATE: fruits}
     return {k: torch.tensor(v, dtype=torch.float32)[None] for k, v in numbers.items()}
 
 
 def look_of(seen: Mapping[str, Any], scene: Scene, now: float) -> Look | None:
-    """The look in an observation at a time ``now`` [s]; None: there is none.
-
-    A detection has the shape of the nearest fruit of the scene of its role, within KNOWN, else that
-    of a ball.
-    """
+    """The look in an observation at a time ``now`` [s]; None: there is none."""
     if OBS_CAMERA not in seen or OBS_ENV_STATE not in seen:
         return None
-    camera = row_of(seen[OBS_CAMERA], 16)
-    if camera[12] <= 0.0:
-        return None
-    pose, items = Pose(camera[:3], rotation_of(camera[3:12])), list[SceneObject]()
-    for k, row in enumerate(row_of(seen[OBS_ENV_STATE]).reshape(-1, 6)):
-        if not 1 <= row[5] <= len(ROLES):
-            continue
-        role: Any = ROLES[int(row[5]) - 1]
-        known = [o for o in scene.objects if o.role == role]
-        known.sort(key=lambda o: float(np.linalg.norm(o.position - row[:3])))
-        like = bool(known) and np.linalg.norm(known[0].position - row[:3]) < KNOWN
-        made = known[0] if like else SceneObject(f"seen{k}", role, Sphere(row[4]), row[:3])
-        spread = row[3] ** 2 * np.eye(3)
-        item = replace(made, id=f"seen{k}", position=row[:3], covariance=spread, stem=None)
-        items.append(item.transformed(pose.inverse()))
-    view, age, near, far = camera[12:].tolist()
-    return Look(now - age, pose, tuple(items), view, near, far or np.inf)
-
-
-def rotation_of(numbers: FloatArray) -> FloatArray:
-    """The rotation (3, 3) nearest to nine numbers of single precision."""
-    left, _, right = np.linalg.svd(numbers.reshape(3, 3))
-    return np.asarray(left @ right)
+    fruits = row_of(seen[OBS_ENV_STATE], 6 * FRUITS)
+    return look_in(row_of(seen[OBS_CAMERA], 16), fruits, scene, now)

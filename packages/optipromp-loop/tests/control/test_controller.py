@@ -15,7 +15,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.planning.task import posed
-from optipromp.core.scenes.look import Look
+from optipromp.core.scenes.look import HIDDEN, Look, points_of
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
@@ -24,7 +24,7 @@ from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.driver import views
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.plant import without_fruits
-from optipromp_loop.control.stages import LoopStage
+from optipromp_loop.control.stages import BLOCKED, LoopStage
 from optipromp_sim.generate import generate
 from optipromp_sim.situations import executed
 
@@ -104,12 +104,39 @@ def test_a_thing_that_appears_in_a_look_is_an_obstacle(usual: Picked, scene: Sce
     assert_sound(done)
     last = done.controller.plans[-1]
     (seen,) = [item for item in last.scene.static if item.id.startswith("seen")]
-    assert np.linalg.norm(seen.position - post.mean(axis=0)) < 0.01
+    gaps = np.linalg.norm(points_of(seen)[:, None] - post, axis=2)
+    assert gaps.min(axis=0).max() < 1e-9  # and what nobody saw behind it
+    assert 0.05 < gaps.min(axis=1).max() < HIDDEN + 0.01
     assert not any(o.id.startswith("seen") for o in done.controller.plans[0].scene.static)
     centers = np.concatenate([done.controller.robot.sphere_centers(s.q) for s in done.references])
     gaps = np.linalg.norm(centers[:, None] - post, axis=2).min(axis=1)
     radii = np.tile(done.controller.robot.spheres.radius, len(done.references))
     assert (gaps - radii).min() > 0.0
+
+
+def test_a_thing_that_appears_during_the_push_ends_it(usual: Picked, scene: Scene) -> None:
+    """A thing is where the hand would come last; looks show it once the tool is among fruits."""
+    made, robot = usual.controller.plans[-1], usual.controller.robot
+    begun = next(event.time for event in usual.controller.events if event.stage == PUSH)
+    first, last = robot.sphere_centers(made.trajectory.positions[[made.first, -1]])
+    arm = (np.linalg.norm(last[:, None] - first, axis=2) - robot.spheres.radius).min(axis=1)
+    fruits = np.array([item.position for item in scene.objects if item.stem is not None])
+    far = np.linalg.norm(last[:, None] - fruits, axis=2).min(axis=1) - 0.05
+    thing = last[np.argmax(np.minimum(arm, far))] + 0.005 * np.arange(-2, 3)[:, None] * scene.up
+
+    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
+        for look in looks:
+            cloud = PointCloudShape(look.camera.inverse() @ thing, 0.005)
+            seen = SceneObject("unknown1", "static", cloud, np.zeros(3))
+            yield replace(look, solids=(seen,) if look.time > begun else ())
+
+    done = pick(Controller(scene), scene, eye_of(scene), filtered=filtered)
+    assert_sound(done)
+    assert done.stages[:4] == [TRAVEL, OBSERVE, PUSH, LEAVE]
+    assert done.reasons[3] == BLOCKED
+    centers = np.concatenate([robot.sphere_centers(state.q) for state in done.references])
+    away = np.linalg.norm(centers[:, None] - thing, axis=2).min(axis=1)
+    assert (away - np.tile(robot.spheres.radius, len(done.references))).min() > 0.0
 
 
 def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> None:

@@ -26,8 +26,7 @@ from optipromp.core.planning.task import posed
 from optipromp.core.scenes import Scene, load_scene
 from optipromp.core.scenes.goals import JointGoal
 from optipromp.core.scenes.look import Look
-from optipromp_bench.env import SPEED, PickEnv
-from optipromp_bench.episode import Episode
+from optipromp_bench.episode import Episode, joints_for
 from optipromp_loop.guard import Guard
 from optipromp_loop.lerobot import (
     FRUITS,
@@ -124,39 +123,22 @@ def test_a_look_passes_through_numbers() -> None:
         assert other.radius == pytest.approx(known.radius)
 
 
-@pytest.mark.parametrize("commands", ["velocities", "tool"])
-def test_the_policy_picks_in_the_benchmark(commands: str) -> None:
-    env = PickEnv("limp", action="joints" if commands == "velocities" else "tool")
-    env.reset(seed=1, options={"preset": "limp", "scene": 940_001})
-    episode = env.episode
-    policy = OptiPrompPolicy(OptiPrompConfig(n_action_steps=2, commands=commands),
-                             scene=episode.scene)  # fmt: skip
-    info: dict[str, Any] = {}
-    for _ in range(1000):
-        seen = batch_of(episode.state.q, episode.observe().look, episode.time)
-        action = policy.select_action(seen).numpy()[0].astype(np.float64)
-        if commands == "velocities":
-            asked = action / (0.5 * episode.robot.velocity)
-        else:
-            asked = episode.scene.frame @ action / SPEED
-        *_, terminated, truncated, info = env.step(asked)
-        if terminated or truncated:
-            break
-    assert info["is_success"], (info["cause"], policy.controller.history)
-    env.close()
-
-
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
-@pytest.mark.parametrize("arm", ["xarm7", "so101"])
-def test_the_policy_picks_with_an_arm_of_a_description(arm: str) -> None:
-    """Its velocities of the joints go to the arm, 50 times a second."""
+@pytest.mark.parametrize(
+    ("arm", "commands"), [("xarm7", "velocities"), ("so101", "velocities"), ("panda", "tool")]
+)
+def test_the_policy_picks_by_velocities(arm: str, commands: str) -> None:
+    """They go to the arm, of a description or built in, 50 times a second."""
     scene = generate("cluster", 77_000, description(arm))
     episode = Episode(CONDITIONS["none"](scene, 1), 1)
-    policy = OptiPrompPolicy(OptiPrompConfig(n_action_steps=2, commands="velocities"), scene=scene)
-    assert len(policy.names) == episode.robot.n_joints
+    policy = OptiPrompPolicy(OptiPrompConfig(n_action_steps=2, commands=commands), scene=scene)
+    assert len(policy.names) == (3 if commands == "tool" else episode.robot.n_joints)
     while not (episode.done or episode.ended):
         seen = batch_of(episode.state.q, episode.observe().look, episode.time)
-        episode.act(policy.select_action(seen).numpy()[0].astype(np.float64))
+        asked = policy.select_action(seen).numpy()[0].astype(np.float64)
+        if commands == "tool":
+            asked = joints_for(episode.robot, episode.state.q, asked, scene.frame[2])
+        episode.act(asked)
     assert episode.judged().result == "clean", policy.controller.history
 
 

@@ -18,10 +18,12 @@ from optipromp_ros.types import read_bag
 
 
 class BagPicture(NamedTuple):
-    """A picture of a bag, and the seconds from the bag's first picture to its exposure."""
+    """A picture of a bag, the seconds from the bag's first picture to its exposure, and when that
+    was [ns since 1970]."""
 
     picture: DepthPicture
     time: float
+    stamp: int
 
 
 def bag_pictures(
@@ -63,7 +65,7 @@ def bag_pictures(
             continue
         first, last = found.stamp if first is None else first, found.stamp
         picture = found.picture(where.at(found.header.frame_id, found.stamp))
-        yield BagPicture(picture, (found.stamp - first) / NANO)
+        yield BagPicture(picture, (found.stamp - first) / NANO, found.stamp)
     if first is None:
         seen = ", ".join(f"{topic} ({what})" for topic, what in taken.seen.items()) or "none"
         if np.isfinite(taken.apart):

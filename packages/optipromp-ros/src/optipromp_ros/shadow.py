@@ -11,9 +11,12 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots.measured import Series
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
+from optipromp_eyes import look_at
 from optipromp_loop.shadow.recording import UNKNOWN_VIEW, Mark, Recording, recorded
 from optipromp_ros.frames import TF, known_frames
+from optipromp_ros.images import SHOWN
 from optipromp_ros.live import DETECTIONS, meaning, read_detections
+from optipromp_ros.pictures import bag_pictures
 from optipromp_ros.places import CameraPlace
 from optipromp_ros.recordings import JOINT_STATE, stamp_of
 from optipromp_ros.trajectories import NANO
@@ -25,7 +28,8 @@ def load_picks(
     roles: Sequence[str] = (), prefix: str = "",
 ) -> Recording:  # fmt: skip
     """The recording of a bag: ``JointState``, ``Detection3DArray``, ``/tf``; arguments as for
-    :func:`optipromp_loop.shadow.recording.load_recorded`.
+    :func:`optipromp_loop.shadow.recording.load_recorded`. Where nothing was detected, the eyes look
+    at the bag's pictures with depth, at one a second (:func:`optipromp_ros.bag_pictures`).
 
     Times count from the first joint states. Detections in the frame of the base, or in ``world``,
     do not tell where the camera was. ``roles``: what the detector's classes mean, see
@@ -56,6 +60,10 @@ def load_picks(
         known = still if name in still else {name: where.at(name, stamp)}
         look = read_detections(item.message, known, meaning(roles), time=(stamp - origin) / NANO)
         looks.append(replace(look, view=UNKNOWN_VIEW) if name in still else look)
+    if not seen and any(True for _ in read_bag(path, types=SHOWN)):
+        for one in bag_pictures(path, scene, prefix=prefix):
+            sight = look_at(one.picture, (one.stamp - origin) / NANO, up=scene.up)
+            looks.append(sight.look)
     if gripper is not None and not fingers:
         raise InvalidRequestError(f"{path}: no joint states name {gripper!r}, the gripper's joint")
     rows = np.array(sorted(fingers)).reshape(-1, 2)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scripts.shadow_picks import Done, record
-from tests.ros.camera_messages import frames, header
+from tests.ros.camera_messages import FRAME, compressed, frames, header, image, info
 from tests.ros.looks import EPOCH, array, array_of, seen
 from typer.testing import CliRunner
 
@@ -18,6 +18,7 @@ from optipromp_ros import Recorded, message, write_bag
 from optipromp_ros.shadow import load_picks
 from optipromp_ros.trajectories import NANO
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import photograph
 
 SCENE = generate("cluster", 110_000)
 
@@ -52,6 +53,21 @@ def test_a_bag_is_read_as_the_file(tmp_path: Path) -> None:
     (pick,) = json.loads(result.stdout)["picks"]
     assert (pick["harmful"], pick["ours"]["status"]) == (True, "success")
     assert "'jaw'" in CliRunner().invoke(app, [*asked, "jaw"]).output
+    shot = photograph(SCENE)
+    at = EPOCH + round(0.2 * NANO)
+    shown = [
+        compressed(shot.picture.rgb, at, "png"),
+        image(shot.picture.depth.astype(np.float32), "32FC1", at), info(shot.picture.camera),
+    ]  # fmt: skip
+    taken = [Recorded(f"/c/{k}", item) for k, item in enumerate(shown)]
+    place = Recorded("/tf_static", frames(EPOCH, ("left_link0", FRAME, shot.picture.camera.pose)))
+    states = [item for item in items if item.topic == "/joint_states"]
+    write_bag(tmp_path / "pictures", [place, *states, *taken])
+    looked = load_picks(tmp_path / "pictures", SCENE, gripper="left_finger", marks=None)
+    (look,) = looked.looks
+    assert look.time == pytest.approx(0.2)
+    (ripe,) = (item for item in look.in_base() if item.role == "target")
+    assert np.linalg.norm(ripe.position - SCENE.target.position) < 0.01
     told = Recorded("/seen", array(seen("ripe", (0.3, 0.6, 0.5)), frame="world"))
     write_bag(tmp_path / "world", [item for item in items if item.topic != "/seen"] + [told])
     blind = load_picks(tmp_path / "world", SCENE, gripper="left_finger", marks=None)

@@ -1,5 +1,6 @@
 """What one package of the project gives to another that does not import it, by entry points."""
 
+from contextlib import suppress
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -32,10 +33,10 @@ def added(name: str) -> Any:
 
 def part(name: str) -> Any:
     """The part of a name. Raises InvalidRequestError where its package is not installed."""
-    found = added(name)
-    if found is None:
-        raise InvalidRequestError(f"{name} {lacking(GIVEN[name])}")
-    return found
+    with suppress(ModuleNotFoundError):  # of a package that this one needs
+        if (found := added(name)) is not None:
+            return found
+    raise InvalidRequestError(f"{name} {lacking(GIVEN[name])}")
 
 
 def lacking(package: str) -> str:

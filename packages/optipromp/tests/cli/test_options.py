@@ -1,5 +1,6 @@
 """Options of a command are described in its docstring."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,12 @@ from typer.testing import CliRunner
 
 from optipromp.cli.command import Report, command, entries
 from optipromp.cli.main import app as optipromp
+from optipromp.cli.robot import ArmOptions
+
+OTHERS = {  # of every command, then of git, Ray, ROS and rosbags
+    "--help", "--no-", "--abbrev", "--always", "--dirty", "--exclude", "--head", "--address",
+    "--ros-args", "--src", "--dst",
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -82,19 +89,35 @@ def test_the_help_says_of_each_option_what_the_docstring_says_and_no_more() -> N
     assert "[default: no-twice]" not in text
 
 
-def test_every_parameter_of_ours_has_help() -> None:
+def ours() -> dict[str, Any]:
+    """The parameters of our commands, by command and name."""
     pytest.importorskip("optipromp_bench", reason="it has commands of its own: all packages")
     group: Any = typer.main.get_command(optipromp)
     shown = {name: group.get_command(None, name) for name in group.list_commands(None)}
-    shown |= shown.pop("bench").commands
+    shown |= {f"bench {name}": made for name, made in shown.pop("bench").commands.items()}
+    shown[""] = group
     assert len(shown) > 20
-    lacking = [
-        f"{name} {each.name}"
-        for name, made in shown.items()
-        for each in made.params
-        if each.name != "help" and not getattr(each, "help", None)
-    ]
-    assert lacking == []
+    return {f"{name} {each.name}": each for name, made in shown.items() for each in made.params}
+
+
+def test_every_parameter_of_ours_has_help() -> None:
+    lacking = [name for name, each in ours().items() if not getattr(each, "help", None)]
+    assert [name for name in lacking if not name.endswith(" help")] == []
+
+
+def test_the_command_line_reads_what_messages_offer() -> None:
+    """Every option in the sources is one of a command, and takes a value where it is shown one."""
+    known = {flag: each for each in ours().values() for flag in (*each.opts, *each.secondary_opts)}
+    found, offer = set[str](), re.compile(r"(?<![\w-])(--[a-z][\w-]*)(?: ([^\s,;)'\"`]+))?")
+    for path in (Path(__file__).parents[4] / "packages").rglob("src/**/*.py"):
+        for flag, value in offer.findall(path.read_text("utf-8")):
+            assert flag in known or flag in OTHERS, (path, flag)
+            found.add(flag)
+            if re.match(r"[A-Z\d]|\S*:?=", value) and flag in known:
+                assert not known[flag].is_flag, (path, flag, value)
+            if flag == "--robot-arg" and "=" in value:
+                assert ArmOptions(robot_arg=[value]).of(None).choice.args
+    assert len(found) > 90
 
 
 def test_a_docstring_describes_parameters_only() -> None:

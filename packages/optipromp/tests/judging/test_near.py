@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from tests.judging.builders import box_mesh, moving, obj, to
 
 from optipromp.core import judging
-from optipromp.core.geometry import Box, HalfSpace, Sphere
+from optipromp.core.geometry import Box, HalfSpace, PointCloudShape, Sphere
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes import JointGoal, SceneObject
 
@@ -73,6 +73,25 @@ def test_the_judge_remarks_on_what_comes_too_near(panda: Robot, room: float, tol
     if told:
         assert f" comes within {1e3 * room:.1f} mm" in notes[0]
         assert f" comes within {1e3 * found.metrics.clearance_static:.1f} mm" in notes[0]
+
+
+def test_the_volume_that_no_picture_shows_and_the_robot_sweeps_is_told(panda: Robot) -> None:
+    """Against spheres at a thousand instants; cells that are just grazed may differ."""
+    q = np.array([panda.home, panda.home + 0.2])
+    points, _ = panda.tool_pose(q)
+    ticks = np.mgrid[-8:9, -8:9, -8:9].reshape(3, -1).T * 0.01
+    unseen = obj("static", PointCloudShape(ticks, 0.005), points[-1])
+    scene = replace(to(JointGoal(q[-1])), start=q[0], unseen=unseen)
+    found = judging.judge(scene, panda, moving(panda, q))
+    x = panda.sphere_centers(q[0] + np.linspace(0.0, 1.0, 1000)[:, None] * (q[1] - q[0]))
+    inside = [
+        (np.linalg.norm(x - cell, axis=2) < panda.spheres.radius).any()
+        for cell in points[-1] + ticks
+    ]
+    assert found.metrics.unseen == pytest.approx(1e-6 * sum(inside), rel=0.02)
+    assert found.metrics.unseen > 1e-4
+    assert any(f"{1e6 * found.metrics.unseen:.0f} cm³ that no" in note for note in found.notes)
+    assert judging.judge(replace(scene, unseen=None), panda, moving(panda, q)).notes == ()
 
 
 def test_a_base_that_stands_on_something_is_not_remarked_on(panda: Robot) -> None:

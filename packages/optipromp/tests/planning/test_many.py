@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import config
 
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.core.geometry import PointCloudShape
@@ -78,7 +79,9 @@ def test_a_plan_comes_back_with_the_scene_that_was_given(tmp_path: Path) -> None
 def test_helpers_see_the_callers_environment_of_now(tmp_path, monkeypatch):
     """Though the server that they come from may have started before it changed."""
     plan_many(["scenario-3"] * 2, planner="promp", workers=2)
-    monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path))
+    moved = {"OPTIPROMP_CACHE": "", "XDG_CACHE_HOME": str(tmp_path)}  # but not the kernels
+    for name, value in (moved | {"NUMBA_CACHE_DIR": config.CACHE_DIR}).items():
+        monkeypatch.setenv(name, value)
     scene = load_scene("scenario-3")
     cloud = PointCloudShape(np.array([[0.0, 0.0, 0.0], [0.05, 0.0, 0.0]]), 0.01, Path("c.npy"))
     seen = replace(

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numba import config
 from tests.robots.links import BALL, Writer, joint
 from tests.robots.meshes import misnamed
 
@@ -313,7 +314,10 @@ def test_a_fine_mesh_takes_little_memory(urdf: Writer, tmp_path: Path) -> None:
     pytest.importorskip("trimesh")
     sphere_stl(tmp_path / "ball.stl", 400)
     path = urdf(joint("ab", "a", "b"), MESH.format("collision", "ball.stl"))
-    environment = os.environ | {"OPTIPROMP_CACHE": str(tmp_path), "OPENBLAS_NUM_THREADS": "1"}
+    environment = os.environ | {
+        "OPTIPROMP_CACHE": "", "XDG_CACHE_HOME": str(tmp_path), "NUMBA_CACHE_DIR": config.CACHE_DIR,
+        "OPENBLAS_NUM_THREADS": "1",
+    }  # fmt: skip
     command = [sys.executable, "-c", LOADED, str(path)]
     found = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     assert int(found.stdout) < 600  # MB

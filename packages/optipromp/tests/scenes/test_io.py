@@ -74,6 +74,7 @@ def full():
                 for i, shape in enumerate(shapes)
             ),
         ],
+        "unseen": {"id": "u", "role": "static", "shape": shapes[-1], "position": [0, 0, 1]},
     }
 
 
@@ -101,7 +102,8 @@ def test_everything_loads(files, suffix):
     np.testing.assert_allclose(scene.pushables[0].stem.vector, [0, 0.01, 0.085])
     assert scene.pushables[0].physical == {"mass": 0.02}
     assert scene.objects[6].shape.vertices.max() == pytest.approx(0.05)
-    assert len(obstacles_of(scene).kind) == 8
+    assert len(obstacles_of(scene).kind) == 8  # what is unseen is none
+    assert isinstance(scene.unseen.shape, PointCloudShape)
     assert len(obstacles_of(scene, "static", "avoid").kind) == 6
     assert len(obstacles_of(scene, "pushable").kind) == 1
 
@@ -181,6 +183,7 @@ def test_defaults_and_immutability():
 def test_input_is_left_alone():
     document = full()
     document["objects"] = document["objects"][:5]
+    document["unseen"] = None
     before = copy.deepcopy(document)
     scene_from_dict(document)
     assert document == before
@@ -189,6 +192,7 @@ def test_input_is_left_alone():
 def test_scale_reaches_every_length():
     metres = full()
     metres["objects"] = metres["objects"][:6]
+    del metres["unseen"]
 
     def thousandfold(value, key=""):
         if key in ("orientation", "direction", "lateral", "start", "physical", "format"):

@@ -46,6 +46,7 @@ NAN, INF = math.nan, math.inf
         (with_fruit(shape={"sphere": None}), "sphere is empty"),
         (with_fruit(shape={"half_space": {}}), "cannot be a half_space"),
         (with_fruit(shape={"sphere": {}}), "objects[0].shape.sphere.radius is missing"),
+        (MINIMAL | {"unseen": FRUIT}, "unseen is no point_cloud"),
         # orientation
         (with_fruit(orientation=[1.01, 0, 0, 0]), "has length 1.01: must be a unit quaternion"),
         (with_fruit(orientation=[0, 0, 0, 0]), "has length 0"),

@@ -4,19 +4,16 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.execution.executor import standing
-from optipromp.core.execution.streaming import Line
 from optipromp.core.planning import Plan, plan
 from optipromp.core.scenes.scene import Scene
-from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.trajectory import Trajectory
 from optipromp_bench.entrant import Motion, Refused
 from optipromp_bench.entries.planners import picked
 from optipromp_bench.episode import Observation
 from optipromp_eyes.pictures import DepthPicture
-from optipromp_loop.control.controller import Controller
+from optipromp_loop.pilot import GAIN, Pilot
 
 PERIOD = 0.02  # [s] between two calls
-GAIN = 2.0  # [1/s] of the joints' error of position: a choice
 
 
 class Blind:
@@ -37,20 +34,11 @@ class Closed:
     leaves = True
 
     def reset(self, scene: Scene, seed: int) -> None:
-        self.controller = Controller(scene, seed=seed)
-        self.line: Line | None = None
-        self.newest = -np.inf
+        self.pilot = Pilot(scene, seed=seed)
 
     def act(self, seen: Observation) -> FloatArray:
-        if seen.look is not None and seen.look.time > self.newest:
-            self.controller.see(seen.look)
-            self.newest = seen.look.time
-        line, controller = self.line, self.controller
-        line = line or Line.of(standing(controller.robot, State(seen.q)), seen.time)
-        made = controller(seen.time, State(seen.q, seen.velocity), line.at(seen.time))
-        if made is not None:
-            line = line.take(made, seen.time, anew=controller.lost)
-        self.line, ahead = line, line.at(seen.time + PERIOD)
+        line = self.pilot.lead(seen.time, seen.q, seen.look, seen.velocity)
+        ahead = line.at(seen.time + PERIOD)
         return np.asarray(ahead.velocity + GAIN * (ahead.q - seen.q - PERIOD * seen.velocity))
 
 

@@ -37,6 +37,10 @@ from optipromp_sim.situations import CONDITIONS, LOOP_PLANNER, LOOPS
 
 OPTIONS = "choice", "files", "crop", "robot"  # fields of a study that are options of the command
 PREDICTED = "hanging", "detected", "shelf"  # if any is there, predicted harm is told of these
+EVERY: Mapping[str, Any] = {  # what ``all`` names
+    "presets": lambda: PRESETS, "planners": study_planners, "loops": lambda: LOOPS,
+    "conditions": lambda: tuple(CONDITIONS), "eyes": lambda: WAYS,
+}  # fmt: skip
 
 
 def _listed(field: str, value: Any) -> Any:
@@ -46,12 +50,6 @@ def _listed(field: str, value: Any) -> Any:
     if value == "all" and field in EVERY:
         return EVERY[field]()
     return [part.strip() for part in value.split(":" if field == "seeds" else ",") if part.strip()]
-
-
-EVERY: Mapping[str, Any] = {
-    "presets": lambda: PRESETS, "planners": study_planners, "loops": lambda: LOOPS,
-    "conditions": lambda: tuple(CONDITIONS), "eyes": lambda: WAYS,
-}  # fmt: skip
 
 
 @functools.cache
@@ -91,7 +89,8 @@ def studies_of(
         wrong = error.errors()[0]
         place, why = ".".join(map(str, wrong["loc"])), wrong["msg"]
         if wrong["type"] == "extra_forbidden":
-            why = f"no such field: {suggest(str(wrong['loc'][-1]), [f.name for f in fields(kind) if f.name not in OPTIONS])}"
+            known = [each.name for each in fields(kind) if each.name not in OPTIONS]
+            why = f"no such field: {suggest(wrong['loc'][-1], known)}"
         raise InvalidRequestError(f"{where}: {place}: {why}") from None
     except ValueError as error:
         raise InvalidRequestError(f"{where} is no TOML: {error}") from None
@@ -195,10 +194,11 @@ def loops(parts: Mapping[str, Sequence[Row]]) -> list[Table]:
     if len(parts) == 2 and (alone := pairs(*parts.values())):
         heads = ["condition", "end", "met by both", "first alone", "second alone", "p"]
         first, second = parts
-        tables.append(Table(f"{first} (first) and {second} (second), in pairs", heads, alone))
+        title = f"{first.capitalize()} (first) and {second} (second), in pairs"
+        tables.append(Table(title, heads, alone))
     cells = [(part, c) for part, rows in parts.items() for c in loop_summary(rows) if c.visible]
     if cells:
-        heads = ["preset", "loop", "n", "seen %", "planned %", "picked % (95 %)", "recall %",
+        heads = ["preset", "loop", "n", "seen %", "planned %", "picked, %", "recall %",
                  "false a run", "see [s]"]  # fmt: skip
         lines = [
             [f"`{c.preset}`", part, c.runs, f"{100 * c.seen / c.runs:.3g}",

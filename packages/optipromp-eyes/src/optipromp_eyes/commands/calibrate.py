@@ -12,8 +12,10 @@ from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import json_text, write_atomically
 
 if TYPE_CHECKING:
-    from optipromp_eyes.boards import Board
-    from optipromp_eyes.calibration import HandEye
+    from optipromp_eyes.calibration import Board, HandEye
+
+
+MOST_PIXEL = 3.0  # root mean square over the views, above which --force writes: a choice
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class BoardOptions:
 
     def made(self) -> "Board":
         """The board."""
-        from optipromp_eyes.boards import Board
+        from optipromp_eyes.calibration import Board
 
         columns, cross, rows = self.size.lower().partition("x")
         if not (cross and columns.isdigit() and rows.isdigit()):
@@ -91,13 +93,7 @@ def calibrate(
         force: Write a camera whose views leave over 3 pixels, too.
     """
     from optipromp.core.planning.task import posed
-    from optipromp_eyes.calibration import (
-        CalibrationParameters,
-        by_tool,
-        hand_eye,
-        read_seen_tool,
-        read_views,
-    )
+    from optipromp_eyes.calibration import by_tool, hand_eye, read_seen_tool, read_views
     from optipromp_eyes.pictures import load_camera
 
     if (folder is None) == (tool is None):
@@ -126,10 +122,11 @@ def calibrate(
         show_warning(f"{words}: the standard deviation counts what that moves")
     if found.apart:
         show_warning(_apart(found))
-    rough = found.total("pixel") > CalibrationParameters().most_pixel and not force
+    rough = found.total("pixel") > MOST_PIXEL and not force
     if rough:
         ends = (
-            f"not written: the views leave {found.total('pixel'):.1f} pixels, must be 3 at most: "
+            f"not written: the views leave {found.total('pixel'):.1f} pixels, must be "
+            f"{MOST_PIXEL:g} at most: "
         )
         ends += "mend the poses or leave out the worst views, or write it by --force"
     else:

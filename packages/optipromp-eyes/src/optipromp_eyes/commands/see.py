@@ -271,7 +271,7 @@ def _filed(scene: "Scene", file: Path) -> "Scene":
         write_atomically(path, npz({"points": shape.points}))
         return replace(item, shape=replace(shape, path=path.absolute()))
 
-    return scene.each(filed)
+    return replace(scene.each(filed), unseen=scene.unseen and filed(scene.unseen))
 
 
 def _asked(

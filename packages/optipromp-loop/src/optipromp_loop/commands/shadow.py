@@ -6,7 +6,7 @@ from pathlib import Path
 
 import optipromp
 from optipromp.cli.command import FAILED, OK, Report, command
-from optipromp.cli.console import progress_bar, say_if_compiling
+from optipromp.cli.console import progress_bar, say_if_compiling, waiting
 from optipromp.core.files import check_folder, write_atomically
 
 
@@ -53,7 +53,8 @@ def shadow(
     if out is not None:
         check_folder(out.parent)
     bag = {"roles": role or [], "prefix": prefix}
-    read = load_recorded(recording, scene, gripper=gripper, marks=marks, **bag)
+    with waiting("reading the recording"):
+        read = load_recorded(recording, scene, gripper=gripper, marks=marks, **bag)
     say_if_compiling()
     with progress_bar(20) as say:
         picks = shadowed(read, scene, risk=risk, progress=say)

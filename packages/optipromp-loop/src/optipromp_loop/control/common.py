@@ -80,10 +80,10 @@ class Common:
     def _mouth(self, time: float) -> FloatArray:
         return plant.mouth_balls(self.robot, self.camera.configuration(time), self.looks.eye)
 
-    def stands(self, look: Look) -> None:
-        """Take what a look shows, and nothing explains, into the scene."""
+    def stands(self, look: Look, among: bool) -> None:
+        """Take what a look shows, and nothing explains, into the scene; see :class:`Solids`."""
         q = self.camera.configuration(look.time)
-        solids = self._solids.after(look, self.tracker, self.robot, q)
+        solids = self._solids.after(look, self.tracker, self.robot, q, among=among)
         if solids is not self._solids:
             self._appeared, self._solids, self.scene = True, solids, solids.scene
             self.driver.stands(self.scene)

@@ -263,8 +263,7 @@ class Controller(Common):
             self._notice(now, FALLS)
             self._enter(now, Next(Take(self.doing, fallen=True), FALLS))
         self.tracker.add(seen, pushed)
-        if not self.doing.among:  # where the tool moves fruits, what is seen of them is no thing
-            self.stands(seen)
+        self.stands(seen, self.doing.among)
         if isinstance(self.doing, Observe):
             self.doing.seen += seen.time >= self.doing.since
 

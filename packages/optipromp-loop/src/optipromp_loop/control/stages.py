@@ -293,6 +293,8 @@ class Push(Stage):
         phase = drive.phase(begins)
         if drive.stuck(now):
             return self.ends(loop, now, "nothing leads onto the path")
+        if loop.blocked():
+            return self.ends(loop, now, BLOCKED)
         if phase >= drive.route.duration:
             return drive.go_on(now, tracked), Next(Take(self), "at the target")
         if since is not None and now - since > p.picture_still:

@@ -426,8 +426,8 @@ class Guard:
             self._tracker = Tracker(told, first=first_tracks(told, p.known))
         for look in come:
             self._tracker.add(look, self._pushed())
-            if not self._pushing:  # else what is seen of fruits that the tool moves is no thing
-                self._base = self._base.after(look, self._tracker, self.robot, q)
+            among = bool(self._pushing)
+            self._base = self._base.after(look, self._tracker, self.robot, q, among=among)
         seen = self._tracker.at(self.time if time is None else time)
         own, added = self._plant.pushed if self._pushing else frozenset[str](), self._plant.added
         if (self._pushing or not added) and unchanged(

@@ -3,6 +3,7 @@
 They run where ``.ci/real-ros`` has made an environment for them, on Python 3.11.
 """
 
+import json
 import os
 import signal
 import subprocess
@@ -10,6 +11,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -45,14 +47,24 @@ from tests.ros.camera_messages import FRAME, compressed, frames, image, info  # 
 from tf2_msgs.msg import TFMessage  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
 from typer.testing import CliRunner  # noqa: E402
+from vision_msgs.msg import Detection3DArray  # noqa: E402
 
 from optipromp.cli.main import app  # noqa: E402
 from optipromp.core.planning.task import posed  # noqa: E402
 from optipromp.core.scenes import Pose, load_scene  # noqa: E402
 from optipromp.core.scenes.hand import tool_frame  # noqa: E402
 from optipromp.core.scenes.io import save_scene  # noqa: E402
-from optipromp_ros import message, planning_scene, to_bytes  # noqa: E402
-from optipromp_ros.frames import known_frames  # noqa: E402
+from optipromp_ros import (  # noqa: E402
+    Recorded,
+    from_bytes,
+    message,
+    planning_scene,
+    to_bytes,
+    write_bag,
+)
+from optipromp_ros.frames import TF, known_frames  # noqa: E402
+from optipromp_ros.live import DETECTIONS  # noqa: E402
+from optipromp_ros.recordings import JOINT_STATE, stamp_of  # noqa: E402
 from optipromp_ros.scenes import pose_message  # noqa: E402
 from optipromp_ros.trajectories import time_message  # noqa: E402
 from optipromp_sim.generate import generate  # noqa: E402
@@ -63,6 +75,10 @@ NAMES = [f"fr3_joint{k}" for k in range(1, 8)]
 ROOT = Path(__file__).parents[5]
 DURABLE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LONGEST = 150.0  # [s] of a wait, on a machine that is busy and compiles
+KEPT = (  # of the arm and the camera
+    ("/joint_states", JointState, JOINT_STATE, 100), ("/tf_static", TFMessage, TF, DURABLE),
+    ("/camera/fruits", Detection3DArray, DETECTIONS, 100),
+)  # fmt: skip
 CAMERA = ["--role", "ripe=target:stem", "--role", "unripe=pushable:stem"]
 CAMERA += ["--detections", "/camera/fruits", "--ros-args", "-p", "use_sim_time:=true"]
 
@@ -393,9 +409,18 @@ def test_a_pick_between_processes(node: Any, start: Any, tmp_path: Path, killed:
     """The arm and the camera are other nodes; states and looks come late and out of order.
 
     The curve that runs when a node is ``killed`` in travel ends at rest, at the camera point; the
-    next node begins from there.
+    next node begins from there. What the nodes of arm and camera sent is a bag; its shadow has one
+    pick, without harm.
     """
-    heard, scene = Heard(node), str(tmp_path / "scene.yaml")
+    heard, scene, kept, closed = Heard(node), str(tmp_path / "scene.yaml"), [], []
+
+    def keep(topic: str, kind: str, data: bytes) -> None:
+        kept.append(Recorded(topic, from_bytes(data, kind), time.time_ns()))
+        if kind == JOINT_STATE and heard.value("gripper") == "close":
+            closed.append(stamp_of(kept[-1]))
+
+    for topic, kind, name, qos in KEPT:
+        node.create_subscription(kind, topic, partial(keep, topic, name), qos, raw=True)
     save_scene(generate("cluster", 3), scene)
     plant = start(str(Path(__file__).parent / "plant.py"), scene)
     call = ["-m", "optipromp", "ros-node", scene, *LOOP, *CAMERA]
@@ -412,6 +437,15 @@ def test_a_pick_between_processes(node: Any, start: Any, tmp_path: Path, killed:
     plant.send_signal(signal.SIGTERM)
     plant.wait(60.0)
     assert "outcome True None" in (tmp_path / "0.log").read_text()
+    write_bag(tmp_path / "shift.mcap", kept)
+    begin = min(stamp_of(item) for item in kept if item.topic == "/joint_states")
+    picks = [{"closed": (closed[0] - begin) / 1e9}]
+    (tmp_path / "marks.json").write_text(json.dumps({"picks": picks}))
+    call = ["shadow", str(tmp_path / "shift.mcap"), "--known", scene, "--prefix", "fr3_", "--json"]
+    told = CliRunner().invoke(app, [*call, "--marks", str(tmp_path / "marks.json"), *CAMERA[:4]])
+    assert told.exit_code == 0, told.output
+    (pick,) = json.loads(told.stdout)["picks"]
+    assert (pick["theirs"]["status"], pick["harmful"]) == ("success", False), pick
 
 
 def test_without_a_camera_nothing_is_commanded(node: Any, start: Any) -> None:

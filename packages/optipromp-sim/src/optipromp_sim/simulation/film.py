@@ -331,13 +331,13 @@ def captioned(picture: Image8, run: Run, index: int, said: str = "") -> Image8:
 def _force_words(run: Run, index: int) -> str:
     """The largest force so far on any object but the target, and that object, in words."""
     rollout = run.rollout
-    peaks = dict(zip(rollout.fruit_ids, rollout.fruit_force[: index + 1].max(axis=0), strict=True))
+    told = zip(rollout.fruit_ids, rollout.fruit_force[: index + 1].max(axis=0), strict=True)
     if rollout.times[index] >= rollout.motion:  # the outcome's, which every report tells
-        peaks = dict(run.outcome.peak_force)
-    peaks.pop(run.outcome.target, None)
-    name = max(peaks, key=peaks.__getitem__, default="")
-    on = f" on {name}" if name and peaks[name] > 0.0 else ""
-    return f"largest force {peaks[name]:.2f} N{on}" if name else ""
+        told = run.outcome.peak_force.items()
+    peaks = [(force, name) for name, force in told if name != run.outcome.target]
+    most, name = max(peaks, default=(0.0, ""))
+    on = f" on {name}" if most > 0.0 else ""
+    return f"largest force {most:.2f} N{on}" if name else ""
 
 
 # choices for the eye

@@ -464,8 +464,7 @@ def plan_targets(
 def _order(found: "PickSequence", lines: Sequence[str]) -> Shown:
     table = console.grid(("pick", "status"), ("not clean", "motion, s"))
     for id_, pick, made in zip(found.order, found.picks, found.whole, strict=True):
-        share = math.nan if pick.prediction is None else pick.prediction.probability
-        failure = "–" if math.isnan(share) else f"{100.0 * share:.0f} %"
+        failure = "–" if math.isnan(made.failure) else f"{100.0 * made.failure:.0f} %"
         table.add_row(id_, str(pick.status), failure, f"{made.duration:.2f}")
     for left in found.left:
         table.add_row(left.id, str(left.status), "–", "–")

@@ -6,10 +6,16 @@ The content of the cache is executed, and its index is unpickled. So the cache i
 folder where nobody but this user, root or the owner of the source can write. Every file ends in a
 checksum, because a damaged file would end the process. Without such a folder, kernels are compiled
 in memory.
+
+A compiled kernel is known by what it is made of, not by its file's time: see :func:`_stamp`. The
+cache lies in ``OPTIPROMP_CACHE`` where that is set, else where Numba has it.
 """
 
+import functools
+import hashlib
 import io
 import os
+import re
 import stat
 import time
 import warnings
@@ -17,9 +23,11 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import CodeType, ModuleType
 from typing import TYPE_CHECKING, Any
 
-from numba import njit
+import numpy as np
+from numba import config, njit
 from numba.core import event
 from numba.core.registry import CPUDispatcher
 
@@ -65,6 +73,12 @@ def _whole(path: str) -> bool:
 class _Checked(IndexDataCacheFile):  # type: ignore[misc]
     """Numba's cache of one function, which ignores damaged files and failures to write."""
 
+    def __init__(self, kernel: Any) -> None:
+        line = re.compile(r"-\d+(?=\.)")  # of the file, in which it may move
+        name = line.sub("", kernel._cache._impl.filename_base, count=1)
+        super().__init__(kernel._cache.cache_path, name, "")
+        self._kernel = kernel
+
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
         with super()._open_for_write(filepath) as file:
@@ -73,6 +87,7 @@ class _Checked(IndexDataCacheFile):  # type: ignore[misc]
             file.write(zlib.crc32(content.getvalue()).to_bytes(_CHECKED, "big"))
 
     def _load_index(self) -> Any:
+        self._source_stamp = _stamp(self._kernel)
         with suppress(ImportError, AttributeError):  # of a version whose types stood elsewhere
             return super()._load_index() if _whole(self._index_path) else {}
         return {}
@@ -85,6 +100,41 @@ class _Checked(IndexDataCacheFile):  # type: ignore[misc]
     def save(self, key: Any, data: Any) -> None:
         with suppress(OSError):
             super().save(key, data)
+
+
+@functools.cache
+def _stamp(kernel: Any) -> str:
+    """A hash of what the code of a kernel is made of: of its own content and of that of all kernels
+    which it calls, also through others."""
+    found = [kernel]
+    for one in found:
+        found += [call for call in _content(one)[1] if call not in found]
+    return hashlib.sha256("".join(sorted(_content(one)[0] for one in found)).encode()).hexdigest()
+
+
+@functools.cache
+def _content(kernel: Any) -> tuple[str, list[Any]]:
+    """Code, options, and values of a kernel with the types of its module, in words; and calls."""
+    code, known = kernel.py_func.__code__, kernel.py_func.__globals__
+    read = [known[name] for name in code.co_names if name in known]
+    for module in [value for value in read if isinstance(value, ModuleType)]:
+        read += [getattr(module, name) for name in code.co_names if hasattr(module, name)]
+    kinds = sorted(_told(value) for value in known.values() if isinstance(value, type))
+    words = f"{kernel.py_func.__qualname__} {kernel.targetoptions} {_told((code, *read))} {kinds}"
+    return words, [value for value in read if isinstance(value, CPUDispatcher)]
+
+
+def _told(value: Any) -> str:
+    """A value that a kernel reads, in words that are the same in every process."""
+    if isinstance(value, CodeType):
+        return f"{value.co_code!r} {value.co_names} {_told(value.co_consts)}"
+    if isinstance(value, tuple):
+        return f"{type(value).__name__}({', '.join(map(_told, value))})"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tobytes()!r}"
+    if value is None or isinstance(value, bool | int | float | str):
+        return repr(value)
+    return f"{getattr(value, '__qualname__', type(value))} {getattr(value, '_fields', '')}"
 
 
 def is_private(folder: Path) -> bool:
@@ -101,6 +151,10 @@ def is_private(folder: Path) -> bool:
     return True
 
 
+if asked := os.environ.get("OPTIPROMP_CACHE"):
+    config.CACHE_DIR = config.CACHE_DIR or str(Path(asked, "kernels"))  # type: ignore[attr-defined]
+
+
 def _may_cache() -> bool:
     """Whether there is a private folder for the cache; warns if not."""
     try:
@@ -112,14 +166,14 @@ def _may_cache() -> bool:
             return True
         why = f"others can write in {folder}, where compiled kernels would be kept"
     warnings.warn(
-        f"{why}: they are compiled in memory, each time (a minute or two); NUMBA_CACHE_DIR names "
+        f"{why}: they are compiled in memory, each time (a minute or two); OPTIPROMP_CACHE names "
         "another folder",
         stacklevel=2,
     )
     return False
 
 
-_CACHED = _may_cache()
+CACHED = _may_cache()
 
 
 if TYPE_CHECKING:  # Numba's types do not know the option ``_nrt``
@@ -135,14 +189,12 @@ else:
 
     def compiler(**options: Any) -> Any:
         """A decorator of kernels with further options of Numba."""
-        make = njit(
-            cache=_CACHED, error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options
-        )
+        make = njit(cache=CACHED, error_model="numpy", nogil=True, no_cfunc_wrapper=True, **options)
 
         def compiled(function: Any) -> Any:
             dispatcher = make(function)
-            if _CACHED:
-                dispatcher._cache._cache_file.__class__ = _Checked
+            if CACHED:
+                dispatcher._cache._cache_file = _Checked(dispatcher)
             if "no_cpython_wrapper" in options:
                 dispatcher.__class__ = _Inner
             return dispatcher
@@ -162,7 +214,7 @@ inserted wherever it is called. Python calls the others.
 
 def in_cache(dispatcher: Any) -> bool:
     """Whether Numba's cache has this kernel, compiled from this source for this processor."""
-    if not _CACHED:
+    if not CACHED:
         return False
     index = dispatcher._cache._cache_file._load_index()  # empty if the source has changed
     processor = dispatcher.targetctx.codegen().magic_tuple()

@@ -131,9 +131,8 @@ def plan_report(folder: Path | str) -> bytes:
     total = seconds(plan.time.get("total", math.nan))
     told = paragraph(f"{made.status}, the reach in {total}", f"status {kind}")
     words = sentences(made, pushed(made).shifts()) if made.success else (complaint(made),)
-    outcome = _outcome(folder)
-    run = paragraph(f"In the physics simulation: {outcome[0]}.") if outcome else ""
-    head = f"<h1>{escape(title)}</h1>{told}{paragraph(' '.join(words))}{run}"
+    verdict, run = _outcome(folder)
+    head = f"<h1>{escape(title)}</h1>{told}{paragraph(' '.join(words))}{verdict}"
     figures = [
         ("The arm, and the cluster along two axes", reach_figure(plan)),
         ("Joints over time", joint_figure(made)),
@@ -150,7 +149,7 @@ def plan_report(folder: Path | str) -> bytes:
         section("Metrics", table([*plan_rows(made), ("judged", made.message)])),
         *_beside_paper(plan),
         *(section("Touches that must not be", each) for each in touches),
-        *_run(folder),
+        *run,
         section("Settings", table(_settings(plan))),
         made_with(_command(made), {"plan written by": f"optipromp {written}"}),
     ]
@@ -167,8 +166,9 @@ def run_report(folder: Path | str) -> bytes:
     title = f"{scene.name}: executed in the physics simulation"
     view = _shown(lambda: scene_page(scene), "Turn it with the mouse; the arm is at its start.")
     made = made_with(shlex.join(words), {"written by": f"optipromp {document.get('version')}"})
-    head = f"<h1>{escape(title)}</h1>{paragraph(f'{_outcome(folder)[0]}.', 'status')}"
-    return _fitted(title, [head, view, *_run(folder), made], folder)
+    verdict, run = _outcome(folder)
+    head = f"<h1>{escape(title)}</h1>{verdict}"
+    return _fitted(title, [head, view, *run, made], folder)
 
 
 def _fitted(title: str, parts: list[str], folder: Path) -> bytes:
@@ -201,17 +201,11 @@ def _beside_paper(plan: Plan) -> list[str]:
     return [section("Beside the paper", table(rows, head))] if rows else []
 
 
-def _run(folder: Path) -> list[str]:
-    """The section of the simulated run beside the plan."""
-    told = _outcome(folder)
-    return [section("In the physics simulation", table(told[1]))] if told else []
-
-
-def _outcome(folder: Path) -> tuple[str, list[tuple[str, str]]] | None:
-    """The outcome of the simulated run in a line, and its figures; None where there is none."""
+def _outcome(folder: Path) -> tuple[str, list[str]]:
+    """The outcome of the simulated run as a paragraph, and as a section; empty: there is none."""
     path = folder / "outcome.json"
     if not is_file(path):
-        return None
+        return "", []
     try:
         found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
         good = "picked, nothing harmed" if found["picked"] else "nothing harmed"
@@ -231,7 +225,9 @@ def _outcome(folder: Path) -> tuple[str, list[tuple[str, str]]] | None:
         raise InvalidRequestError(
             f"{path}: not an outcome that 'simulate' left ({error})"
         ) from None
-    return f"{good}; largest force on what is not to be picked {force:.2f} N", rows
+    simulated = "In the physics simulation"
+    verdict = f"{simulated}: {good}; largest force on what is not to be picked {force:.2f} N."
+    return paragraph(verdict), [section(simulated, table(rows))]
 
 
 def _settings(plan: Plan) -> list[tuple[str, str]]:

@@ -19,10 +19,11 @@ from itertools import product
 from typing import Any
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.compiled import called
-from optipromp.core.geometry.shapes import GRID
+from optipromp.core.geometry.shapes import GRID, PointCloudShape
 from optipromp.core.judging import clearance, kinematics, speed
 from optipromp.core.judging.clearance import Overlap, pieces, radii
 from optipromp.core.judging.curve import along, extremes
@@ -171,6 +172,7 @@ class Metrics:
         velocity_ratio: largest share of a velocity limit in use, at any instant.
         acceleration_ratio: largest share of an acceleration limit.
         jerk_ratio: largest share of a jerk limit.
+        unseen: volume that no picture shows, into which the robot comes [m³]; None: not told.
     """
 
     M_c: float | None
@@ -195,6 +197,7 @@ class Metrics:
     velocity_ratio: float
     acceleration_ratio: float
     jerk_ratio: float
+    unseen: float | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """The metrics as plain values for JSON."""
@@ -292,7 +295,13 @@ def judge(
     for name, away in beside.items():
         closest = distances[name]
         distances[name] = away if closest is None else min(closest, away)
-    figures: dict[str, Any] = {**distances, **motion}
+    unseen = swept_unseen(scene, robot, fine, points)
+    if unseen:
+        notes.append(
+            f"the robot comes into {1e6 * unseen:.0f} cm³ that no picture shows: take another from "
+            "aside, and look at all with --together"
+        )
+    figures: dict[str, Any] = {**distances, **motion, "unseen": unseen}
     metrics = Metrics(
         M_p=passed.M_p, passage=passed.passage, stem_projection=passed.stem_projection,
         drift_shortfall=passed.drift_shortfall, stem_gap=passed.stem_gap,
@@ -300,6 +309,25 @@ def judge(
     )  # fmt: skip
     notes += scene.assumed
     return Judgement(metrics, tuple(violations), tuple(contacts), tuple(notes), tuple(at_start))
+
+
+def swept_unseen(scene: Scene, robot: Robot, q: FloatArray, points: FloatArray) -> float | None:
+    """Volume of the scene's ``unseen`` cells whose middles come into the robot [m³].
+
+    Over configurations ``q`` (M, n), with the tool points (M, 3) there; None: no cells are told.
+    """
+    item = scene.unseen
+    if item is None:
+        return None
+    assert isinstance(item.shape, PointCloudShape)
+    side = 2.0 * item.shape.radius
+    gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))
+    rows = np.unique(np.searchsorted(gone, np.arange(0.0, gone[-1] + side, 0.5 * side)))
+    at = centers(robot, q[np.minimum(rows, len(q) - 1)])
+    radius = np.tile(robot.spheres.radius, len(at))
+    tree = cKDTree(item.position + item.shape.points @ item.rotation.T)
+    inside = tree.query_ball_point(at.reshape(-1, 3), radius, return_sorted=False)
+    return side**3 * len(set().union(*inside))
 
 
 def _motion(

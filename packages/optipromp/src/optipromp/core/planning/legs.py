@@ -34,21 +34,13 @@ from optipromp.core.planning.leg_tasks import (
 from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.plan import Request, plan
-from optipromp.core.planning.result import (
-    CARRY,
-    LIFT,
-    REACH,
-    RETREAT,
-    Plan,
-    Proposal,
-    Said,
-    cheapest,
-)
+from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Proposal, cheapest
 from optipromp.core.planning.task import robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
 from optipromp.core.planning.warming import one_thread
 from optipromp.core.planning.ways import Legs, retreats
+from optipromp.core.pushing.model import failing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.io import load_scene
 from optipromp.core.scenes.scene import Scene
@@ -93,7 +85,8 @@ class Picked:
         A retreat tells that of the whole; the leg before the carry, that of a target that stands.
         """
         told = [leg.prediction.probability for leg in self.legs.values() if leg.prediction]
-        return told[-1] if told else math.nan
+        swept = max(leg.metrics.unseen or 0.0 for leg in self.legs.values())
+        return failing(told[-1], swept) if told else math.nan
 
     @property
     def duration(self) -> float:
@@ -160,7 +153,8 @@ def plan_pick(
 
 def timed_out(leg: Plan, what: str) -> Plan:
     """A leg of a pick for whose rest, ``what``, there was no time."""
-    return replace(leg, status=Code.TIMEOUT, said=Said(f"time ran out before {what}: ", leg.said))
+    said = leg.said._replace(before=f"time ran out before {what}: {leg.said.before}")
+    return replace(leg, status=Code.TIMEOUT, said=said)
 
 
 def picks(reaches: Iterable[Proposal[Plan]], settings: Timed) -> Iterator[Proposal[Legs]]:

@@ -13,7 +13,7 @@ from optipromp.core.errors import Code
 from optipromp.core.files import plain
 from optipromp.core.judging import Judgement, Metrics, Overlap
 from optipromp.core.planning.task import Task, as_of, passages
-from optipromp.core.pushing.model import Prediction, PushModel
+from optipromp.core.pushing.model import Prediction, PushModel, failing
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.goals import reached
 from optipromp.core.scenes.scene import Scene
@@ -270,6 +270,12 @@ class Plan(Shown):
     def harm(self) -> float:
         """The predicted harm; 0 where no push model applies."""
         return 0.0 if self.prediction is None else self.prediction.harm
+
+    @property
+    def failure(self) -> float:
+        """Probability that the motion is not clean; nan where no push model tells it."""
+        alone = math.nan if self.prediction is None else self.prediction.probability
+        return failing(alone, self.metrics.unseen or 0.0)
 
     @property
     def valid(self) -> bool:

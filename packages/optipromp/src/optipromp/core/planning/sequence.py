@@ -15,6 +15,7 @@ from optipromp.core.planning.plan import check_request, plan
 from optipromp.core.planning.planners import Planner
 from optipromp.core.planning.result import REACH, Plan
 from optipromp.core.planning.task import Task
+from optipromp.core.planning.warming import compile_once
 from optipromp.core.processes import cores, run_each
 from optipromp.core.promp.model import ProMP
 from optipromp.core.scenes.io import load_scene
@@ -238,6 +239,7 @@ def plan_many(
     request = _Job(asked, legs)
     count = min(workers or cores(), len(scenes))
     if count > 1:
+        compile_once()  # not in each process
         try:
             pickle.dumps(request)
         except (pickle.PicklingError, AttributeError, TypeError) as error:

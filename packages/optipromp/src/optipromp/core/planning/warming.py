@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import ThreadpoolController
 
-from optipromp.core.compiled import in_cache
+from optipromp.core.compiled import CACHED, in_cache
 from optipromp.core.optimization.kernels import add_stiffness
 from optipromp.core.planning import collision, planners
 from optipromp.core.planning.attempt import attempt
@@ -62,11 +62,11 @@ def compile_once() -> None:
     Kernels of few plans are compiled when they are called; a plan's clock stops meanwhile.
     """
     if not in_cache(add_stiffness):
-        _attempt(load_scene(WARM_UP))
+        compile_kernels()
 
 
 def compile_kernels(progress: Callable[[str], object] = str) -> None:
-    """Fill Numba's cache.
+    """Fill Numba's cache; without one, compile the kernels of most plans.
 
     ``progress`` is called with a short text as each part begins.
 
@@ -76,7 +76,7 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
     scene = load_scene(WARM_UP)
     bare = tuple(replace(o, stem=None) for o in scene.objects if o.role != "pushable")
     other = None
-    if cores() > 1:
+    if cores() > 1 and CACHED and sys.executable:
         code = f"from {__name__} import compile_push_model as run; run()"
         other = subprocess.Popen(
             [sys.executable, "-c", code], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL

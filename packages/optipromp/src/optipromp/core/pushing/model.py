@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray, lengths
+from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.parameters import Calibration as Calibration
 from optipromp.core.pushing.path import STEP, ToolPath, along, evenly, length
 
@@ -83,6 +84,12 @@ class Told(NamedTuple):
     object: str = ""  # id of the object that is harmed most in the worst state
     cause: str = "nothing is harmed"  # the harm of that object, in words
     forces: Mapping[str, float] = {}  # largest on each pushed object in the perceived state [N]
+
+
+def failing(probability: float, unseen: float) -> float:
+    """Probability that a motion is not clean, of which a model tells a ``probability``, and which
+    comes into a volume that is ``unseen`` [m³]: things in it are a Poisson process."""
+    return 1.0 - (1.0 - probability) * math.exp(-PUSH.harm.unseen * unseen)
 
 
 @dataclass(frozen=True, eq=False)

@@ -152,6 +152,9 @@ class HarmParameters(NamedTuple):
     hopeless: float = 3.0
     risk: float = 0.03  # default share of promised successes that may be broken
     good: float = 0.2  # measured: harm of a good path; 231 of 240 runs succeed, 226 with 0.5
+    # [1/m³] measured: fruits that the eyes miss in the way of an upright cup of 50 mm, over the
+    # volume that no picture shows there: 6 such fruits in 82 sights of `cluster`, `field`, `wild`
+    unseen: float = 130.0
 
 
 class HangingParameters(NamedTuple):

@@ -123,6 +123,8 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
     if scene.options:
         document["options"] = dict(scene.options)
     document["objects"] = [_object_to_dict(item, base_dir) for item in scene.objects]
+    if scene.unseen is not None:
+        document["unseen"] = _object_to_dict(scene.unseen, base_dir)
     if scene.place is not None:
         document["place"] = _plain(scene.place, ["position", "axis", "retreat"])
     if scene.attached:
@@ -278,17 +280,18 @@ def scene_from_dict(
         frames = _frames(model, scale)
         default = frames[model.frame]
         told = " in the base's frame" if model.base is not None or model.camera is not None else ""
-        objects: list[SceneObject] = []
+        made: list[SceneObject] = []
         shapes: dict[tuple[object, ...], Shape] = {}
-        for index, item in enumerate(model.objects):
-            where = f"objects[{index}]: "
+        last = [] if model.unseen is None else [model.unseen]
+        for index, item in enumerate([*model.objects, *last]):
+            where = f"objects[{index}]: " if index < len(model.objects) else "unseen: "
             frame = default if item.frame is None else frames[item.frame]
             up = frame.rotation.T @ frames["world"].rotation[:, 2]
-            made = object_of(item, scale, base_dir, shapes, up)
-            objects.append(made if frame.is_identity else made.transformed(frame))
+            read = object_of(item, scale, base_dir, shapes, up)
+            made.append(read if frame.is_identity else read.transformed(frame))
             if model.scale is None:
-                check_magnitude(objects[-1], told)
-        where = ""
+                check_magnitude(made[-1], told)
+        where, objects = "", made[: len(model.objects)]
         _tell_twins(objects, source)
         _check_target_key(model, objects)
         _, lateral, vertical = frames["world"].rotation.T
@@ -329,6 +332,7 @@ def scene_from_dict(
             place=None if model.place is None else Place(**values(model.place, scale, default)),
             crop=None if model.crop is None else _crop(model.crop, base_dir),
             metres=model.scale is not None,
+            unseen=next(iter(made[len(objects) :]), None),
         )
     except InvalidSceneError as error:
         raise InvalidSceneError(f"{source}: {where}{error.message}") from None

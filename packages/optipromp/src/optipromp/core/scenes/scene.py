@@ -17,6 +17,7 @@ from pydantic import BeforeValidator
 from optipromp.core.arrays import FloatArray, IntArray, cross, frozen, joined, lengths, read_only
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
+from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import Crop
@@ -155,6 +156,8 @@ class Scene(Shown, Framed):
         crop: of the fruits: what they are made of and what they bear, in the simulation; None: the
             simulation's own parameters and thresholds.
         metres: whether the file states its unit of length: then distances are meant as they are.
+        unseen: cloud where no picture shows what is there, of cells as wide as twice its radius; no
+            obstacle, but a pick that sweeps it is less sure (:attr:`Plan.failure`); None: not told.
 
     Raises:
         InvalidSceneError: ids repeat; there is no target, two targets, or a target and a goal; a
@@ -181,6 +184,7 @@ class Scene(Shown, Framed):
     place: Place | None = None
     crop: Crop | None = None
     metres: bool = False
+    unseen: SceneObject | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -197,6 +201,8 @@ class Scene(Shown, Framed):
                     "ids must be unique, and an object has one role"
                 )
             seen[item.id] = index
+        if self.unseen is not None and not isinstance(self.unseen.shape, PointCloudShape):
+            raise InvalidSceneError("unseen is no point_cloud: must be one, of cells' middles")
         check_trusses(self.objects)
         targets = [item.id for item in self.objects if item.role == "target"]
         if len(targets) > 1:

@@ -427,6 +427,7 @@ SCENE = form(
     approach=Value(APPROACH, default=APPROACH()),
     options=Value(OPTIONS, default=OPTIONS()),
     objects=Value(list[OBJECT], default=[]),  # type: ignore[valid-type]
+    unseen=Value(OBJECT),
     attached=Value(list[ATTACHED], default=[]),  # type: ignore[valid-type]
     may_touch=Value(list[Annotated[list[Text], Field(min_length=2, max_length=2)]], default=[]),
     padding=Value(NotNegative, 1, default=0.0),

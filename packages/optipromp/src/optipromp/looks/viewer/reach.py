@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -94,9 +93,8 @@ def title(plan: Plan, now: Moment | None = None) -> str:
     lines = [f"{plan.scene.name}, {plan.planner}: {plan.status}"]
     if now is not None:
         lines.append(f"{now} of {plan.trajectory.duration:.1f} s")
-        clean = math.nan if plan.prediction is None else 1.0 - plan.prediction.probability
-        if clean >= 0.0:
-            lines[-1] += f"; predicted to end clean with probability {clean:.2f}"
+        if plan.failure <= 1.0:
+            lines[-1] += f"; predicted to end clean with probability {1.0 - plan.failure:.2f}"
         elif plan.scene.pushables:
             lines[-1] += "; whether it ends clean is not predicted"
     return "\n".join(lines).replace("$", r"\$")

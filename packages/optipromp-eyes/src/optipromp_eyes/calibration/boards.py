@@ -3,14 +3,14 @@
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from importlib import import_module
 from typing import Any, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.errors import InvalidRequestError, installed_by, suggest
+from optipromp.core.errors import InvalidRequestError, suggest
+from optipromp_eyes.needed import opencv
 
 Pattern = Literal["chessboard", "charuco", "apriltag"]
 FEWEST = 4  # points of a board that tell its pose; a tag has four
@@ -133,16 +133,3 @@ _PATTERNS = get_args(Pattern)
 
 def _flat(values: Any, columns: int) -> FloatArray:
     return np.asarray(values, dtype=np.float64).reshape(-1, columns)
-
-
-def opencv() -> Any:
-    """OpenCV's module."""
-    return needed("cv2", "the eyes need OpenCV:", "optipromp-eyes")
-
-
-def needed(module: str, words: str, what: str) -> Any:
-    """A module that a package of ours or its extra brings; or else a refusal of these words."""
-    try:
-        return import_module(module)
-    except ImportError:
-        raise InvalidRequestError(f"{words} {installed_by(what)}") from None
