@@ -1,7 +1,6 @@
 """Where and with what a run was made."""
 
 import datetime
-import os
 import platform
 import subprocess
 from importlib import metadata
@@ -11,7 +10,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = (
     "optipromp", "numpy", "scipy", "numba", "llvmlite", "movement_primitives", "mp_pytorch",
-    "torch", "ompl", "drake", "tesseract-robotics", "mplib",
+    "torch", "ompl",
 )  # fmt: skip
 
 
@@ -29,7 +28,6 @@ def describe() -> dict[str, Any]:
         "versions": {
             "python": platform.python_version(),
             **{package: version(package) for package in PACKAGES},
-            "mplib": version("mplib") or elsewhere("mplib", os.environ.get("MPLIB_PYTHON")),
         },
         "compiler": first_line(["g++", "--version"]),
     }
@@ -41,14 +39,6 @@ def version(package: str) -> str | None:
         return metadata.version(package)
     except metadata.PackageNotFoundError:
         return None
-
-
-def elsewhere(package: str, python: str | None) -> str | None:
-    """The version of a package that another interpreter has."""
-    if not python:
-        return None
-    code = f"from importlib.metadata import version; print(version({package!r}))"
-    return first_line([python, "-I", "-c", code])
 
 
 def cpu_model() -> str:

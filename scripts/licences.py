@@ -29,8 +29,6 @@ EXPLAINED = {  # packages whose metadata do not tell a free licence or not all, 
     "apsw": "(any licence that the OSI approves)",
     "cmeel-qhull": "Qhull (free; its notice stays with it)",
     "docutils": "(the GPL is of one file for Emacs, which is not in the wheel)",
-    "drake": "(Mosek's library in it wants a licence of Mosek's, only where it is called)",
-    "mosek": "(comes with Drake, a peer of the benchmarks; its solver is not called)",
     "xacro": "(its licence file is BSD-3-Clause)",
 }
 

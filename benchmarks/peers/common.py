@@ -23,13 +23,11 @@ STEP = 0.045  # [rad or m] between the waypoints of a timed path, as ours has
 class Answer:
     """What a planner gave for a scene: a trajectory, or why it has none.
 
-    ``seconds`` is set by a planner that runs in another process and keeps the time there, ``scene``
-    by ours, which may lean the tool: with the approach that it took.
+    ``scene`` is set by ours, which may lean the tool: with the approach that it took.
     """
 
     trajectory: Trajectory | None
     reason: str = ""
-    seconds: float | None = None
     scene: Scene | None = None
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.furniture import FURNITURE, generate
-from benchmarks.peers import mplib, ompl
+from benchmarks.peers import ompl
 from benchmarks.peers.common import Planner
 from benchmarks.registry import (
     RATIO,
@@ -35,7 +35,6 @@ PEERS: dict[
         "on our checker, simplified",
         "its checker is our kernels, called from Python",
     ),
-    "MPlib": (mplib.rrt_connect, "with FCL, timed by TOPP-RA", "model and timing included"),
 }
 
 
