@@ -102,15 +102,6 @@ class SetChecked:
         return plan(scene, planner=ByProposals(), seed=seed)
 
 
-class Sac:
-    """Weights by soft actor-critic, trained on the push model's word alone."""
-
-    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        weights = told("sac.onnx", objects=objects_in(scene)).reshape(2, COUNT)
-        return gentle_plan(plan(scene, planner=OfWeights(weights=weights), seed=seed), scene)
-
-
 class Cloned:
     """The tool's velocity from what is seen now, cloned from our plans' steps.
 

@@ -17,13 +17,15 @@ from optipromp_bench.sets import scene_of
 pytest.importorskip("onnxruntime")
 
 
-@pytest.mark.parametrize("name", ["set.onnx", "sac.onnx"])
-def test_objects_are_a_set(name: str) -> None:
+def test_objects_are_a_set() -> None:
     scene, _ = scene_of("wild", 110_004)
     objects = objects_in(scene)
     order = np.random.default_rng(0).permutation(MOST)
-    assert np.allclose(told(name, objects=objects), told(name, objects=objects[order]), atol=1e-4)
-    assert not np.allclose(told(name, objects=objects), told(name, objects=0.5 * objects))
+    first, other, half = (
+        told("set.onnx", objects=rows) for rows in (objects, objects[order], 0.5 * objects)
+    )
+    assert np.allclose(first, other, atol=1e-4)
+    assert not np.allclose(first, half)
 
 
 def test_proposals_differ() -> None:
@@ -120,22 +122,3 @@ def test_labels_are_the_rows_in_which_the_guard_acted(tmp_path: Path) -> None:
     assert np.array_equal(rows["arm"], seen["arm"][:5][acted])
     assert np.array_equal(rows["objects"], seen["objects"][:5][acted])
     assert np.array_equal(rows["action"], actions[acted])
-
-
-def test_sac_learns_without_a_plan(tmp_path: Path) -> None:
-    """A few actions: weights that the network of the entry takes, and a curve beside them."""
-    pytest.importorskip("stable_baselines3")
-    pytest.importorskip("onnx")
-    runtime = pytest.importorskip("onnxruntime")
-    script("train_policies").sac(tmp_path / "sac.onnx", minutes=0.05, presets=("cluster",))
-    with (tmp_path / "sac.csv").open() as stream:
-        (row,) = csv.DictReader(stream)
-    assert int(row["samples"]) > 0
-    assert 0.0 <= float(row["promised"]) <= 1.0
-    session = runtime.InferenceSession(
-        str(tmp_path / "sac.onnx"), providers=["CPUExecutionProvider"]
-    )
-    objects = np.zeros((1, MOST, WIDTH), dtype=np.float32)
-    (weights,) = session.run(None, {"objects": objects})
-    assert weights.shape == (1, 2 * COUNT)
-    assert np.all(np.abs(weights) <= 1.0)
