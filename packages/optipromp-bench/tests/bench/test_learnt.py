@@ -10,7 +10,6 @@ from tests.loaded import script
 from benchmarks.entries.learnt import hand_of, proposals, told
 from optipromp.core.arrays import FloatArray
 from optipromp_bench.env import MOST, WIDTH, objects_in
-from optipromp_bench.episodes import EpisodeAsk, EpisodeData, write_lerobot
 from optipromp_bench.primitive import COUNT
 from optipromp_bench.sets import scene_of
 
@@ -106,19 +105,3 @@ def test_velocities_are_learnt_from_steps(chunk: int, tmp_path: Path) -> None:
     given = {"objects": objects.astype(np.float32), "arm": hand_of(arm).astype(np.float32)}
     (velocities,) = session.run(None, given)
     assert velocities.shape == (1500, 3 * chunk)
-
-
-def test_labels_are_the_rows_in_which_the_guard_acted(tmp_path: Path) -> None:
-    pytest.importorskip("pyarrow")
-    rng = np.random.default_rng(0)
-    seen = {"arm": rng.normal(size=(6, 25)), "objects": rng.normal(size=(6, MOST, WIDTH))}
-    seen = {name: value.astype(np.float32) for name, value in seen.items()}
-    actions, acted = rng.normal(size=(5, 3)).astype(np.float32), np.array([0, 1, 1, 0, 1], bool)
-    made = EpisodeData(
-        EpisodeAsk("cluster", 1), seen, actions, np.zeros(5, np.float32), True, True, acted
-    )
-    write_lerobot([made], tmp_path / "data")
-    rows = script("train_policies").labelled(tmp_path / "data")
-    assert np.array_equal(rows["arm"], seen["arm"][:5][acted])
-    assert np.array_equal(rows["objects"], seen["objects"][:5][acted])
-    assert np.array_equal(rows["action"], actions[acted])
