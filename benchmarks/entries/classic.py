@@ -10,7 +10,6 @@ from benchmarks.peers.ompl import grown
 from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.planning import plan
 from optipromp.core.planning.collision import collider, open_edge
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.result import Failed, Planned
@@ -21,7 +20,7 @@ from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle
-from optipromp_bench.entries.planners import gentle_plan
+from optipromp_bench.entries.planners import OfPlanner
 from optipromp_paper.obstacles import Chomp, descend
 from optipromp_paper.straight import gently
 
@@ -46,12 +45,10 @@ class FromLine(Chomp):
         return gently(task, found.q)
 
 
-class ChompLine:
+class ChompLine(OfPlanner):
     """CHOMP from a straight line in joint space; every fruit is an obstacle of the cost."""
 
-    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        return gentle_plan(plan(scene, planner=FromLine(), seed=seed), scene)
+    planner = FromLine()
 
 
 @dataclass(frozen=True)
@@ -105,12 +102,10 @@ class BesideFruits(Pathed):
         return merged
 
 
-class PushAside:
+class PushAside(OfPlanner):
     """Push each fruit aside from the free space beside it; no model of the push."""
 
-    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        return gentle_plan(plan(scene, planner=BesideFruits(), seed=seed), scene)
+    planner = BesideFruits()
 
 
 class Rrt:
