@@ -10,12 +10,10 @@
 ``set`` learns several proposals of weights from objects, as a set: the nearest one learns (winner
 takes all), and a score learns which one that is. ``steps`` drives our plans in the simulation with
 disturbed velocities, and keeps what a policy saw and should have done. ``clone`` learns that.
-With ``--labels`` it learns from the guard, too: from the rows in which the guard acted of episodes
-of ``optipromp episodes --policy ... --guarded --keep all --format lerobot``. ``act`` learns the
-velocities of the next half second at once, by a transformer over hand and objects (ACT, Zhao et
-al. 2023, without its latent style: of one scene our planner has one plan). A core gives it some
-20,000 samples a minute. It is meant for an hour of ``steps`` on one core and two hours of training
-on the other; the shipped weights had less (docs/learners.md).
+``act`` learns the velocities of the next half second at once, by a transformer over hand and
+objects (ACT, Zhao et al. 2023, without its latent style: of one scene our planner has one plan). A
+core gives it some 20,000 samples a minute. It is meant for an hour of ``steps`` on one core and two
+hours of training on the other; the shipped weights had less (docs/learners.md).
 
 Every FILE.onnx gets FILE.csv beside it: minutes, samples, and figures on scenes that are not
 trained on. Seeds fix weights and order; the time that training may take fixes how far it gets.
@@ -39,7 +37,7 @@ from benchmarks.entries.learnt import hand_of
 from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning import plan
 from optipromp_bench.env import MOST, WIDTH, objects_of
-from optipromp_bench.episodes import DATA, EpisodeAsk, driven_episode
+from optipromp_bench.episodes import EpisodeAsk, driven_episode
 from optipromp_bench.primitive import COUNT, weights_of
 from optipromp_bench.sets import PRESETS
 from optipromp_sim.generate import generate
@@ -60,15 +58,19 @@ def preset_of(seed: int, presets: Presets) -> str:
     return presets[seed % len(presets)]
 
 
+def shards(out: Path, kind: str, seeds: range, count: int) -> Iterator[tuple[Path, range]]:
+    """The files of a kind that a folder lacks, each with its ``count`` seeds."""
+    out.mkdir(parents=True, exist_ok=True)
+    for own in (seeds[k : k + count] for k in range(0, len(seeds), count)):
+        if not (file := out / f"{kind}-{own.start}.npz").exists():
+            yield file, own
+
+
 def plans(out: Path, seeds: range, presets: Presets) -> None:
     """Keep objects (MOST, WIDTH) and weights (2, COUNT) of scenes that we solve."""
-    out.mkdir(parents=True, exist_ok=True)
-    for low in range(seeds.start, seeds.stop, 200):
-        file = out / f"plans-{low}.npz"
-        if file.exists():
-            continue
+    for file, own in shards(out, "plans", seeds, 200):
         rows: list[tuple[np.ndarray, np.ndarray]] = []
-        for seed in range(low, min(low + 200, seeds.stop)):
+        for seed in own:
             scene = untold(generate(preset_of(seed, presets), seed))  # type: ignore[arg-type]
             try:
                 made = plan(scene, seed=seed)
@@ -86,14 +88,10 @@ def plans(out: Path, seeds: range, presets: Presets) -> None:
 
 def steps(out: Path, seeds: range, presets: Presets) -> None:
     """Drive plans with disturbed velocities; keep what was seen and what should have been done."""
-    out.mkdir(parents=True, exist_ok=True)
-    for low in range(seeds.start, seeds.stop, 20):
-        file = out / f"steps-{low}.npz"
-        if file.exists():
-            continue
+    for file, own in shards(out, "steps", seeds, 20):
         asks = (
             EpisodeAsk(preset_of(seed, presets), seed, "zero-mean", noise=EPISODE_NOISE)
-            for seed in range(low, min(low + 20, seeds.stop))
+            for seed in own
         )
         made = [each for each in map(driven_episode, asks) if each is not None]
         np.savez_compressed(
@@ -170,9 +168,9 @@ def train_set(data: Path, out: Path, minutes: float) -> None:
     import torch
     from torch.nn import functional
 
-    shards = loaded(data, "plans")
-    objects = np.concatenate([s["objects"] for s in shards])
-    weights = np.clip(np.concatenate([s["weights"] for s in shards]), -1.5, 1.5)
+    held = loaded(data, "plans")
+    objects = np.concatenate([s["objects"] for s in held])
+    weights = np.clip(np.concatenate([s["weights"] for s in held]), -1.5, 1.5)
     test = np.arange(len(objects)) % HELD_OUT == 0
     torch.manual_seed(0)
     torch.set_num_threads(1)
@@ -205,33 +203,18 @@ def train_set(data: Path, out: Path, minutes: float) -> None:
     write(net, out, (torch.zeros(1, MOST, WIDTH),), ["objects"])
 
 
-def labelled(folder: Path) -> dict[str, np.ndarray]:
-    """The rows of a LeRobot dataset of ``optipromp episodes`` in which the guard acted."""
-    import pyarrow.parquet as pq
-
-    table = pq.read_table(folder / DATA.format(chunk_index=0, file_index=0))
-    acted = table["guarded"].to_numpy()
-    arm, objects, action = (
-        np.stack(table[name].to_numpy())[acted]
-        for name in ("observation.state", "observation.environment_state", "action")
-    )
-    return {"arm": arm, "objects": objects.reshape(-1, MOST, WIDTH), "action": action}
-
-
-def train_steps(
-    data: Path, out: Path, minutes: float, chunk: int = 1, labels: Path | None = None
-) -> None:
+def train_steps(data: Path, out: Path, minutes: float, chunk: int = 1) -> None:
     """What to do now, and in the next ``chunk`` periods, from what is seen now."""
     import torch
     from torch.nn import functional
 
-    shards = loaded(data, "steps") + ([labelled(labels)] if labels else [])
+    parts = loaded(data, "steps")
     arm, objects, action = (
-        np.concatenate([s[k].astype(np.float32) for s in shards])
+        np.concatenate([s[k].astype(np.float32) for s in parts])
         for k in ("arm", "objects", "action")
     )
     held = np.zeros(len(arm), dtype=bool)
-    held[: len(shards[0]["arm"])] = True
+    held[: len(parts[0]["arm"])] = True
     ends = np.append(np.flatnonzero(np.diff(arm[:, -1]) <= 0.0), len(arm) - 1)  # time begins anew
     last = ends[np.searchsorted(ends, np.arange(len(arm)))]
     torch.manual_seed(0)
@@ -366,7 +349,6 @@ def main() -> None:
     ask.add_argument("--seeds", default="200000:204000", metavar="A:B")
     ask.add_argument("--out", type=Path)
     ask.add_argument("--minutes", type=float, default=10.0)
-    ask.add_argument("--labels", type=Path, help="a dataset of guarded episodes, for clone")
     ask.add_argument("--presets", default=",".join(PRESETS), help="of scenes to learn from")
     told = ask.parse_args()
     presets = told.presets.split(",")
@@ -380,8 +362,7 @@ def main() -> None:
     if told.what == "set":
         train_set(told.data, out, told.minutes)
     else:
-        chunk = CHUNK if told.what == "act" else 1
-        train_steps(told.data, out, told.minutes, chunk, told.labels)
+        train_steps(told.data, out, told.minutes, CHUNK if told.what == "act" else 1)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ import sys
 import tomllib
 from collections.abc import Collection, Iterator
 from functools import cached_property
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -173,23 +174,16 @@ def closure(modules: dict[str, Module], start: str) -> tuple[int, int]:
 
 
 def circles(modules: dict[str, Module]) -> list[str]:
-    """Modules from which imports lead back to themselves."""
+    """The first circle of imports, in words."""
     graph = {
         name: {there for there, _ in each.imported(modules).values()}
         for name, each in modules.items()
     }
-
-    def reach(begin: str) -> set[str]:
-        seen: set[str] = set()
-        waiting = list(graph[begin])
-        while waiting:
-            module = waiting.pop()
-            if module not in seen:
-                seen.add(module)
-                waiting += graph[module]
-        return seen
-
-    return [f"imports lead back to {name}" for name in sorted(graph) if name in reach(name)]
+    try:
+        TopologicalSorter(graph).prepare()
+    except CycleError as error:
+        return [f"imports lead back: {' to '.join(reversed(error.args[1]))}"]
+    return []
 
 
 def named_above(files: list[Module], found: dict[str, Path]) -> list[str]:

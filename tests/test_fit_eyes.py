@@ -1,10 +1,8 @@
-"""The camera model is fitted to the eyes, and their worst pictures are drawn, by scripts."""
+"""The camera model is fitted to the eyes by a script."""
 
 import numpy as np
 import pytest
 from tests.loaded import script as loaded
-
-from optipromp_eyes.detector import finder_named
 
 SEED = 60011
 
@@ -45,7 +43,7 @@ def test_the_fit_finds_the_numbers_that_made_the_looks() -> None:
 
 
 @pytest.mark.slow  # pictures of two scenes, twice
-def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
+def test_a_handful_of_pictures_is_fitted() -> None:
     script = vars(loaded("fit_eyes"))
     scenes = [("cluster", SEED), ("field", SEED)]
     seen = script["looked"](scenes, "beside")
@@ -57,10 +55,3 @@ def test_a_handful_of_pictures_is_fitted_and_the_worst_are_on_a_sheet() -> None:
         script["told"](f) for f in (seen.fruits, script["modelled"](scenes, "beside", made))
     )
     assert abs(eyes["recall"] - model["recall"]) < 0.35
-    drawn = vars(loaded("eyes_worst"))
-    found = drawn["worst"](scenes, "beside", finder_named("geometry"), 2)
-    assert [fault.weight for _, fault, _ in found] == sorted(
-        (fault.weight for _, fault, _ in found), reverse=True
-    )
-    assert len(found) == 2
-    assert drawn["sheet"](found).size == (960, 382)

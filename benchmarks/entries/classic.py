@@ -1,15 +1,15 @@
 """Entries of the field that no planner of ours is: trees, CHOMP from a line, push-aside."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed
+from benchmarks.peers.ompl import grown
 from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
-from optipromp.core.errors import InvalidRequestError, OptiPrompError
-from optipromp.core.planning import plan
+from optipromp.core.errors import OptiPrompError
 from optipromp.core.planning.collision import collider, open_edge
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.result import Failed, Planned
@@ -20,12 +20,9 @@ from optipromp.core.pushing.path import ToolPath, through
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle
-from optipromp_bench.entries.planners import gentle_plan
+from optipromp_bench.entries.planners import OfPlanner
 from optipromp_paper.obstacles import Chomp, descend
 from optipromp_paper.straight import gently
-
-LONGEST = 5.0  # [s] of a tree's search: a choice; ours takes 0.2 s at most
-FINE = 0.005  # share of the space between two checked configurations: as in our benchmarks
 
 
 @dataclass(frozen=True)
@@ -48,12 +45,10 @@ class FromLine(Chomp):
         return gently(task, found.q)
 
 
-class ChompLine:
+class ChompLine(OfPlanner):
     """CHOMP from a straight line in joint space; every fruit is an obstacle of the cost."""
 
-    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        return gentle_plan(plan(scene, planner=FromLine(), seed=seed), scene)
+    planner = FromLine()
 
 
 @dataclass(frozen=True)
@@ -107,12 +102,10 @@ class BesideFruits(Pathed):
         return merged
 
 
-class PushAside:
+class PushAside(OfPlanner):
     """Push each fruit aside from the free space beside it; no model of the push."""
 
-    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        return gentle_plan(plan(scene, planner=BesideFruits(), seed=seed), scene)
+    planner = BesideFruits()
 
 
 class Rrt:
@@ -121,12 +114,19 @@ class Rrt:
     fruits: ClassVar[bool] = False
 
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp_bench.tracks.Planning`.
+        """See :class:`optipromp_bench.tracks.Planning`; raises as :func:`grown` does."""
+        task = resolve(scene)
+        around, room = task.surroundings, np.empty(task.robot.n_joints)
+        body = collider(task, len(around.dynamic.kind) if self.fruits else around.shared)
 
-        Raises:
-            InvalidRequestError: OMPL is not installed.
-        """
-        corners = _grown(resolve(scene), self.fruits, seed)
+        def free(q: FloatArray) -> bool:
+            return bool(open_edge(body, q, q, room))
+
+        try:
+            ends = [q for q in goal_configurations(pushed_aside(task), Budget()).q if free(q)]
+        except OptiPrompError:
+            return None
+        corners = grown(task, ends, free, seed) if ends else None
         return None if corners is None else gentle(scene, evenly_along(corners, LEAST))
 
 
@@ -134,54 +134,3 @@ class RrtObstacles(Rrt):
     """RRT-Connect of OMPL; every fruit is an obstacle to the whole robot, or the scene refused."""
 
     fruits = True
-
-
-def _grown(task: Task, fruits: bool, seed: int) -> FloatArray | None:
-    """Corners (k, n) of a simplified way from the start to a goal configuration; None: no way."""
-    try:
-        from ompl import base, geometric, util
-    except ImportError:
-        raise InvalidRequestError("the entries rrt need OMPL: pip install ompl") from None
-    util.setLogLevel(util.LOG_NONE)
-    util.RNG.setSeed(seed + 1)
-    robot, n, around = task.robot, task.robot.n_joints, task.surroundings
-    body, room = collider(task, len(around.dynamic.kind) if fruits else around.shared), np.empty(n)
-
-    def free(q: FloatArray) -> bool:
-        return bool(open_edge(body, q, q, room))
-
-    try:
-        ends = [q for q in goal_configurations(pushed_aside(task), Budget()).q if free(q)]
-    except OptiPrompError:
-        return None
-    if not ends:
-        return None
-    space = base.RealVectorStateSpace(n)
-    bounds = base.RealVectorBounds(n)
-    for j in range(n):
-        bounds.setLow(j, float(robot.lower[j]))
-        bounds.setHigh(j, float(robot.upper[j]))
-    space.setBounds(bounds)
-
-    def state(q: FloatArray) -> Any:
-        out = space.allocState()
-        for j, value in enumerate(q):
-            out[j] = float(value)
-        return out
-
-    def values(at: Any) -> FloatArray:
-        return np.array([at[j] for j in range(n)])
-
-    search = geometric.SimpleSetup(space)
-    search.setStateValidityChecker(lambda at: free(values(at)))
-    search.getSpaceInformation().setStateValidityCheckingResolution(FINE)
-    search.setStartState(state(task.start))
-    goal = base.GoalStates(search.getSpaceInformation())
-    for q in ends:
-        goal.addState(state(q))
-    search.setGoal(goal)
-    search.setPlanner(geometric.RRTConnect(search.getSpaceInformation()))
-    if not search.solve(LONGEST) or not search.haveExactSolutionPath():
-        return None
-    search.simplifySolution()
-    return np.array([values(at) for at in search.getSolutionPath().getStates()])

@@ -9,10 +9,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.entries.pathed import Pathed, harm_of
+from benchmarks.entries.pathed import Pathed, Refusing, harm_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
-from optipromp.core.planning import Plan, plan
+from optipromp.core.planning import plan
 from optipromp.core.planning.task import Task, posed
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.path import ToolPath
@@ -94,21 +94,10 @@ class ByProposals(Pathed):
         return path_of(task, weights[best])
 
 
-class SetChecked:
+class SetChecked(Refusing):
     """The network's proposals, of which our push model takes one; refuses by it."""
 
-    def plan(self, scene: Scene, seed: int) -> Plan:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        return plan(scene, planner=ByProposals(), seed=seed)
-
-
-class Sac:
-    """Weights by soft actor-critic, trained on the push model's word alone."""
-
-    def plan(self, scene: Scene, seed: int) -> Trajectory | None:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        weights = told("sac.onnx", objects=objects_in(scene)).reshape(2, COUNT)
-        return gentle_plan(plan(scene, planner=OfWeights(weights=weights), seed=seed), scene)
+    planner = ByProposals()
 
 
 class Cloned:

@@ -6,14 +6,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from benchmarks.entries.pathed import Pathed, harm_of
+from benchmarks.entries.pathed import Pathed, Refusing, harm_of
 from optipromp.core.arrays import FloatArray
-from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import Task, spaced
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
-from optipromp.core.scenes.scene import Scene
 from optipromp_bench.primitive import COUNT, path_of
 
 SMALL = 0.02  # harm that a squared weight counts as: of equal paths the straighter: a choice
@@ -124,29 +122,19 @@ def _costs(task: Task, model: PushModel, drawn: FloatArray, states: int) -> Floa
     return np.asarray(np.array(harm) + small)
 
 
-class _Sampled:
-    """A planner of this module as an entry; it knows the push model, and refuses by it."""
-
-    kind: ClassVar[type[Pathed]]
-
-    def plan(self, scene: Scene, seed: int) -> Plan:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        return plan(scene, planner=self.kind(), seed=seed)
-
-
-class Mppi(_Sampled):
+class Mppi(Refusing):
     """MPPI on the push model."""
 
-    kind = ByMppi
+    planner = ByMppi()
 
 
-class Episodic(_Sampled):
+class Episodic(Refusing):
     """Episodic search of weights on the push model."""
 
-    kind = ByEpisodes
+    planner = ByEpisodes()
 
 
-class Receding(_Sampled):
+class Receding(Refusing):
     """Receding-horizon pushes in the push model."""
 
-    kind = ByHorizon
+    planner = ByHorizon()

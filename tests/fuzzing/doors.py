@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from tests.fuzzing import networks
 from tests.fuzzing.changes import NUMBERS, WORDS, arrays_changed, changed, damaged, text_of, value
-from tests.fuzzing.originals import CUBE, FACES, obj
+from tests.fuzzing.originals import CUBE, FACES
 from tests.fuzzing.outcomes import Mutant
 
 WIDE, HIGH = 96, 72  # [pixel]
@@ -370,39 +370,17 @@ def bags() -> dict[str, bytes]:
         return {"b.mcap": mcap, "b.db3": mcap if db3 is None else db3.read_bytes()}
 
 
-def stl() -> bytes:
-    rows = [struct.pack("<12fH", *[0.0] * 3, *(c for v in face for c in CUBE[v]), 0)
-            for face in FACES]  # fmt: skip
-    return bytes(80) + struct.pack("<I", len(rows)) + b"".join(rows)
-
-
-def ply(*, binary: bool) -> bytes:
-    """A cube as PLY; also a cloud."""
-    form = "binary_little_endian" if binary else "ascii"
-    head = f"ply\nformat {form} 1.0\nelement vertex 8\n" + "".join(
-        f"property float {axis}\n" for axis in "xyz"
-    )
-    head += f"element face {len(FACES)}\nproperty list uchar int vertex_indices\nend_header\n"
-    if binary:
-        rows = [struct.pack("<3f", *row) for row in CUBE]
-        rows += [struct.pack("<B3i", 3, *face) for face in FACES]
-        return head.encode() + b"".join(rows)
-    rows = [" ".join(map(str, row)) for row in CUBE]
-    rows += [f"3 {a} {b} {c}" for a, b, c in FACES]
-    return (head + "\n".join(rows) + "\n").encode()
-
-
 def mesh(random: Random) -> Mutant:
+    from trimesh import Trimesh
+    from trimesh.exchange import obj, ply, stl
+
+    cube = Trimesh(CUBE, FACES, process=False)
     name, content = random.choice([
-        ("m.obj", obj()), ("m.stl", stl()), ("m.ply", ply(binary=True)),
-        ("m.ply", ply(binary=False)),
+        ("m.obj", obj.export_obj(cube).encode()), ("m.stl", stl.export_stl(cube)),
+        ("m.ply", ply.export_ply(cube)), ("m.ply", ply.export_ply(cube, encoding="ascii")),
     ])  # fmt: skip
     if name == "m.stl" and random.random() < 0.3:
-        content = b"solid x\n" + b"".join(
-            b"facet normal 0 0 1\nouter loop\n" + b"".join(
-                b"vertex %f %f %f\n" % CUBE[v] for v in face
-            ) + b"endloop\nendfacet\n" for face in FACES
-        ) + b"endsolid x\n"  # fmt: skip
+        content = stl.export_stl_ascii(cube).encode()
     content, cloud = damaged(random, content), name == "m.ply" and random.random() < 0.3
 
     def act(folder: Path) -> str:

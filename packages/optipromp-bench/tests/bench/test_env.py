@@ -168,19 +168,27 @@ def test_a_swallowed_neighbour_ends_an_episode_of_the_flying_cup_too() -> None:
     assert score(outcome) == -1
 
 
-def test_one_action_is_paid_by_the_score() -> None:
+def test_one_action_is_a_primitive_that_is_paid_by_the_score() -> None:
+    """The weights that are nearest to the planner's own path pick where the planner picks."""
     env = PickProMPEnv()
     env.reset(seed=0, options=SCENE)
-    weights = weights_of(plan(env.situation.seen)).ravel()
-    rewards = {}
-    for name, action in (("ours", weights), ("straight", 0.0 * weights)):
-        env.reset(seed=0, options=SCENE)
-        _, rewards[name], _, _, info = env.step(action)
+    scene = env.situation.seen
+    weights, rewards = weights_of(plan(scene)), {}
+    assert np.abs(weights).max() < 1.0
+    for name, action in (("ours", weights.ravel()), ("straight", 0.0 * weights.ravel())):
+        seen, _ = env.reset(seed=0, options=SCENE)
+        assert env.observation_space.contains(seen)
+        _, rewards[name], terminated, truncated, info = env.step(action)
+        assert (terminated, truncated) == (True, False)
         assert rewards[name] == pytest.approx(
             score(info["outcome"]) - HARM * min(info["harm"], 1.0)
         )
     assert rewards["ours"] >= 1.0 - HARM
     assert rewards["straight"] <= -1.0
+    again = plan(scene, planner=OfWeights(weights=weights))
+    assert np.abs(weights_of(again) - weights).max() < 0.25
+    with pytest.raises(InvalidRequestError, match="must be"):
+        plan(scene, planner=OfWeights(weights=np.zeros((2, COUNT + 1))))
 
 
 def test_one_action_is_paid_by_the_push_models_word() -> None:
@@ -345,23 +353,6 @@ def test_the_arm_keeps_its_limits_whatever_is_asked() -> None:
     after, turned = robot.tool_pose(robot.home + 1e-3 * velocity)
     assert after - point == pytest.approx([0.0, 0.0, 1e-4], abs=3e-6)
     assert turned == pytest.approx(axis, abs=3e-5)
-
-
-def test_one_action_is_a_primitive() -> None:
-    """The weights that are nearest to the planner's own path pick where the planner picks."""
-    scene = generate("cluster", 61_000)
-    weights = weights_of(plan(scene))
-    assert np.abs(weights).max() < 1.0
-    env = PickProMPEnv()
-    seen, _ = env.reset(seed=0, options=SCENE)
-    assert env.observation_space.contains(seen)
-    _, _, terminated, truncated, info = env.step(weights.ravel())
-    assert (terminated, truncated) == (True, False)
-    assert info["is_success"], info["cause"]
-    again = plan(scene, planner=OfWeights(weights=weights))
-    assert np.abs(weights_of(again) - weights).max() < 0.25
-    with pytest.raises(InvalidRequestError, match="must be"):
-        plan(scene, planner=OfWeights(weights=np.zeros((2, COUNT + 1))))
 
 
 def test_scenes_are_held() -> None:

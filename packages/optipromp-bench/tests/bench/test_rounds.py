@@ -392,4 +392,4 @@ def test_names_are_whole_in_a_narrow_terminal(monkeypatch: pytest.MonkeyPatch) -
     assert "in the clone" not in told
     monkeypatch.chdir("/")
     monkeypatch.setattr("sys.path", [p for p in sys.path if not Path(p, "benchmarks").is_dir()])
-    assert bench("list")[1].count("in the clone") == 12
+    assert bench("list")[1].count("in the clone") == 11

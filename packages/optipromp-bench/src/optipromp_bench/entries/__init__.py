@@ -42,7 +42,6 @@ LEARNT: Mapping[str, Contender] = {
     for name, kind, text, track in (
         ("set", "SetNetwork", "a network's path from the scene, trained on our plans", "plan"),
         ("set-checked", "SetChecked", "its proposals, one of which our push model takes", "plan"),
-        ("sac", "Sac", "soft actor-critic on weights, by the push model's word", "plan"),
         ("clone", "Cloned", "behaviour cloning of our plans' steps", "policy"),
         ("act", "Act", "action chunks by a transformer, cloned from our plans' steps", "policy"),
     )

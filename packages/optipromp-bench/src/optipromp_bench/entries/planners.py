@@ -6,6 +6,7 @@ import numpy as np
 
 from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.legs import plan_pick
+from optipromp.core.planning.planners import Planner
 from optipromp.core.planning.result import RETREAT
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
@@ -29,7 +30,9 @@ def gentle_plan(made: Plan, scene: Scene) -> Trajectory | None:
 UNLIKELY = 0.5  # of a failed pick, which costs as much as a clean one counts
 
 
-def picked(scene: Scene, seed: int, planner: str = "opti-promp") -> Plan | Motion | Refused:
+def picked(
+    scene: Scene, seed: int, planner: str | Planner = "opti-promp"
+) -> Plan | Motion | Refused:
     """A pick that leaves by the way of least harm; refused where it is rather not clean."""
     legs = plan_pick(scene, planner=planner, seed=seed)
     if len(legs.legs) == 1:
@@ -41,9 +44,9 @@ def picked(scene: Scene, seed: int, planner: str = "opti-promp") -> Plan | Motio
 
 
 class OfPlanner:
-    """A registered planner as an entry."""
+    """A planner as an entry: one that is registered, or one of its own."""
 
-    planner: ClassVar[str]
+    planner: ClassVar[str | Planner]
 
     def plan(self, scene: Scene, seed: int) -> Plan | Motion | Refused | Trajectory | None:
         if self.planner in PREDICTING:

@@ -1,6 +1,6 @@
 """Studies of kinds of their own: a class says what is asked, makes a trial, and tells the rows.
 
-``scripts/studies`` has those of the guard, the eyes, arms and doors.
+``scripts/studies`` has those of the guard, the eyes, arms and ghosts.
 """
 
 import json
