@@ -1,6 +1,8 @@
 """Commands called in this process, and a folder of a plan, made once."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +10,14 @@ import pytest
 from typer.testing import CliRunner
 
 from optipromp.cli.main import app
+
+RUN = [sys.executable, "-m", "optipromp"]
+
+
+def ran(command: list[str] | str, **more: Any) -> Any:
+    """A process that has ended; a command in one text is of the shell."""
+    given = {"capture_output": True, "text": True} | more
+    return subprocess.run(command, shell=isinstance(command, str), check=False, **given)
 
 
 def invoke(*words: object) -> Any:

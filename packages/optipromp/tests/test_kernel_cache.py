@@ -1,11 +1,11 @@
 """The cache of compiled kernels: whole or made again, private or not used."""
 
 import os
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from tests.cli.fixtures import ran
 
 import optipromp
 from optipromp.core.compiled import is_private
@@ -33,9 +33,7 @@ def program(tmp_path: Path) -> Path:
 def run(program: Path, cache: Path, **limits: str) -> tuple[list[str], str]:
     source = str(Path(optipromp.__file__).parents[1])
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache), "PYTHONPATH": source} | limits
-    done = subprocess.run(
-        [sys.executable, str(program)], env=environment, capture_output=True, text=True
-    )
+    done = ran([sys.executable, str(program)], env=environment)
     assert done.returncode == 0, done.stderr
     return done.stdout.split(), done.stderr
 

@@ -1,12 +1,14 @@
 """Plans to files and back."""
 
-import hashlib
 import json
+import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from tests.folders import FILES
+from tests.folders import FILES, Arrays, rows, stated
 from tests.robots.builders import TOOLS, cup_parts, joined, write_obj
 
 from optipromp import OptiPrompError, load_plan, load_robot, with_tool, write_plan
@@ -34,8 +36,8 @@ def test_a_plan_comes_back_as_it_was(result: Plan, tmp_path: Path) -> None:
         again = load_plan(source)
         assert again.to_dict() == result.to_dict()
         for curve in ("trajectory", "initial", "followed"):
-            for rows in ("times", "positions", "velocities", "accelerations"):
-                here, there = (getattr(getattr(one, curve), rows) for one in (again, result))
+            for of in ("times", "positions", "velocities", "accelerations"):
+                here, there = (getattr(getattr(one, curve), of) for one in (again, result))
                 np.testing.assert_array_equal(here, there)
         assert again.prediction == result.prediction
         assert again.trajectory.joint_names == result.trajectory.joint_names
@@ -86,55 +88,35 @@ def test_a_plan_of_another_tool_than_the_scenes_is_not_mistaken_for_one_of_it(tm
         load_plan(tmp_path)
 
 
-@pytest.mark.parametrize(
-    "damage", ["missing", "truncated", "list", "format", "key", "scene", "npz"]
-)
-def test_damage_is_named(result: Plan, tmp_path: Path, damage: str) -> None:
-    write_plan(result, tmp_path)
-    path = tmp_path / "plan.json"
-    document = json.loads(path.read_text())
-    match damage:
-        case "missing":
-            path.unlink()
-        case "truncated":
-            path.write_text(path.read_text()[:200])
-        case "list":
-            path.write_text("[]")
-        case "format":
-            path.write_text(json.dumps(document | {"format": 99}))
-        case "key":
-            del document["metrics"]["M_c"]
-            path.write_text(json.dumps(document))
-        case "scene":
-            del document["scene_file"]["objects"]
-            path.write_text(json.dumps(document))
-        case "npz":
-            (tmp_path / "waypoints.npz").write_bytes(b"PK")
-    with pytest.raises(OptiPrompError, match=str(tmp_path)):
-        load_plan(tmp_path)
+def within(folder: Path, key: str, **changes: object) -> None:
+    """What plan.json says under ``key``, with other words."""
+    stated(folder, **{key: json.loads((folder / "plan.json").read_text())[key] | changes})
 
 
-@pytest.mark.parametrize("damage", ["columns", "metrics", "status", "message", "first"])
-def test_what_a_file_says_is_not_believed(result: Plan, tmp_path: Path, damage: str) -> None:
+def two_joints(arrays: Arrays) -> Arrays:
+    return {k: v[:, :2] if v.ndim == 2 else v[:2] if v.dtype.kind == "U" else v
+            for k, v in arrays.items()}  # fmt: skip
+
+
+DAMAGES: dict[str, Callable[[Path], Any]] = {
+    "missing": lambda folder: (folder / "plan.json").unlink(),
+    "truncated": lambda folder: os.truncate(folder / "plan.json", 200),
+    "list": lambda folder: (folder / "plan.json").write_text("[]"),
+    "format": lambda folder: stated(folder, format=99),
+    "key": lambda folder: stated(folder, metrics={}),
+    "scene": lambda folder: within(folder, "scene_file", objects=None),
+    "npz": lambda folder: (folder / "waypoints.npz").write_bytes(b"PK"),
+    "columns": lambda folder: rows(folder, two_joints),
+    "metrics": lambda folder: within(folder, "metrics", goal_error="x"),
+    "status": lambda folder: stated(folder, status="splendid"),
+    "message": lambda folder: stated(folder, status="success", message=""),
+    "first": lambda folder: stated(folder, first=10**9),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_damage_is_named_and_what_a_file_says_is_not_believed(result, tmp_path, damage):
     write_plan(result, tmp_path)
-    path, rows = tmp_path / "plan.json", tmp_path / "waypoints.npz"
-    document = json.loads(path.read_text()) | {"status": "success"}
-    with np.load(rows) as found:
-        arrays = {key: found[key] for key in found.files}
-    match damage:
-        case "columns":
-            arrays = {k: v[:, :2] if v.ndim == 2 else v[:2] if v.dtype.kind == "U" else v
-                      for k, v in arrays.items()}  # fmt: skip
-        case "metrics":
-            document["metrics"]["goal_error"] = "x"
-        case "status":
-            document["status"] = "splendid"
-        case "message":
-            document["message"] = ""
-        case "first":
-            document["first"] = 10**9
-    np.savez(rows, **arrays)
-    document["sha256"]["waypoints.npz"] = hashlib.sha256(rows.read_bytes()).hexdigest()
-    path.write_text(json.dumps(document))
+    DAMAGES[damage](tmp_path)
     with pytest.raises(OptiPrompError, match=str(tmp_path)):
         load_plan(tmp_path)

@@ -11,18 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import invoke
 from tests.folders import FILES, Arrays, read, rows, stated
-from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, load_plan, write_plan
-from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidRequestError
 from optipromp.core.files import COMMITTED, write_atomically, write_together
 from optipromp.core.planning import Plan, plan
 from optipromp.looks.reports import plan_report
 from optipromp_page.stage import open_source
-
-runner = CliRunner()
 
 
 @pytest.fixture(scope="module")
@@ -81,7 +78,7 @@ def test_no_command_believes_what_the_judge_does_not(lie, good, harmful, tmp_pat
     for words in (
         ["check"], ["validate"], ["report"], ["simulate"], ["export", "--mjcf", f"{scene}.xml"],
     ):  # fmt: skip
-        done = runner.invoke(app, [words[0], str(tmp_path), *words[1:]])
+        done = invoke(words[0], tmp_path, *words[1:])
         assert done.exit_code == 1, done.output
         assert f"error INVALID_PLAN: {tmp_path / told}" in done.stderr
         assert len(done.stderr.splitlines()) == 1
@@ -105,7 +102,7 @@ def test_the_file_that_differs_is_named(name, change, good, harmful, tmp_path):
         case "gone":
             path.unlink()
     for command in ("check", "validate", "report", "simulate"):
-        done = runner.invoke(app, [command, str(tmp_path / "a")])
+        done = invoke(command, tmp_path / "a")
         assert done.exit_code == 2, done.output
         assert f"error INVALID_REQUEST: {path}: " in done.stderr
     with pytest.raises(InvalidRequestError, match=name):
@@ -235,7 +232,7 @@ def test_a_plan_that_goes_on_is_judged_from_where_it_began(good: Plan, tmp_path:
         assert (again.status, again.prediction) == (made.status, made.prediction)
         assert again.metrics == made.metrics
         assert again.start is not None
-        document = json.loads(runner.invoke(app, ["validate", str(tmp_path), "--json"]).stdout)
+        document = json.loads(invoke("validate", tmp_path, "--json").stdout)
         assert document["status"] == "success"
         assert document["predicted_harm"]["harm"] == made.prediction.harm
     arrays = read(tmp_path / "waypoints.npz")

@@ -6,13 +6,11 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
 from optipromp.cli import console
-from optipromp.cli.main import app
 from optipromp.core.promp import Basis, ProMP, load_demonstrations, residuals
-
-runner = CliRunner()
+from optipromp.core.robots.tools import TOOLS
 
 
 @pytest.fixture
@@ -26,19 +24,12 @@ def demonstrations(tmp_path: Path) -> Path:
 
 
 def test_list_as_json_is_one_document() -> None:
-    result = runner.invoke(app, ["list", "--json"])
+    result = invoke("list", "--json")
     document = json.loads(result.stdout)
     assert result.exit_code == 0
     assert {"panda", "scara"} <= set(document["robots"])
     assert {f"scenario-{i}" for i in (1, 2, 3, 4)} <= set(document["scenes"])
-    assert document["tools"] == [
-        "cup",
-        "franka_hand",
-        "finger_gripper",
-        "scissor",
-        "suction",
-        "mesh",
-    ]
+    assert document["tools"] == [*TOOLS]
     assert document["planners"][:3] == ["promp", "i-promp", "opti-promp"]
     of_planners = [document["settings"], *document["planner_settings"].values()]
     assert all(one["meaning"] for settings in of_planners for one in settings.values())
@@ -70,7 +61,7 @@ def test_check_says_that_a_cup_is_too_narrow(tmp_path: Path, opening: float, tol
         "     stem: {root: [0.55, 0.0, 0.99]}}\n",
         encoding="utf-8",
     )
-    result = runner.invoke(app, ["check", str(path)])
+    result = invoke("check", path)
     assert result.exit_code == 0, result.stderr
     said = " ".join(result.stderr.split())
     assert ("too narrow" in said) is bool(told)
@@ -94,34 +85,31 @@ def test_check_tells_the_body_of_a_robot(tmp_path: Path, monkeypatch: pytest.Mon
         '<robot name="arm"><disable_collisions link1="a" link2="c"/></robot>'
     )
     arguments = ["check", str(path), "--out", str(tmp_path / "out"), "--json"]
-    document = json.loads(runner.invoke(app, arguments).stdout)
+    document = json.loads(invoke(*arguments).stdout)
     assert sum(document["spheres"].values()) == document["body_spheres"]
     assert set(document["spheres"]) == set("abcd")
     assert 0.0 < document["excess"]["a"] < 0.03
     assert "a and c (arm.srdf)" in document["may_touch"]
     monkeypatch.setattr("optipromp.cli.check.LISTED", 3)
-    shown = dict(
-        line.split(maxsplit=1)
-        for line in runner.invoke(app, ["check", str(path)]).stdout.splitlines()[1:]
-    )
+    shown = dict(line.split(maxsplit=1) for line in invoke("check", path).stdout.splitlines()[1:])
     assert shown["links"] == "a, b, c, and 1 more (--json)"
     assert shown["joints"] == "ab, bc, cd"
     assert (tmp_path / "out" / "cover.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_check_leaves_pictures_of_a_scene(tmp_path: Path, demonstrations: Path) -> None:
-    done = runner.invoke(app, ["check", "scenario-4", "--out", str(tmp_path)])
+    done = invoke("check", "scenario-4", "--out", tmp_path)
     assert done.exit_code == 0, done.stderr
     assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
     assert b"</html>" in (tmp_path / "scene.html").read_bytes()[-200:].lower()
     other = ["check", str(demonstrations), "--out", str(tmp_path)]
-    refused = runner.invoke(app, other)
+    refused = invoke(*other)
     assert refused.exit_code == 2
     assert "no --out" in refused.stderr
 
 
 def test_an_error_under_json_is_still_one_document() -> None:
-    result = runner.invoke(app, ["check", "nothing-of-that-name", "--json"])
+    result = invoke("check", "nothing-of-that-name", "--json")
     document = json.loads(result.stdout)
     assert result.exit_code == 2
     assert document["status"] == "INVALID_REQUEST"
@@ -132,7 +120,7 @@ def test_an_error_under_json_is_still_one_document() -> None:
 def test_an_unwritable_folder_is_refused_before_the_work(tmp_path, command):
     blocked = tmp_path / "file"
     blocked.write_text("in the way")
-    result = runner.invoke(app, [*command, "--out", str(blocked / "reach")])
+    result = invoke(*command, "--out", blocked / "reach")
     assert result.exit_code == 2
     assert "cannot write" in result.stderr
     assert blocked.read_text() == "in the way"
@@ -141,19 +129,19 @@ def test_an_unwritable_folder_is_refused_before_the_work(tmp_path, command):
 def test_learn_leaves_a_primitive_that_check_knows(demonstrations: Path, tmp_path: Path) -> None:
     out = tmp_path / "reach.npz"
     arguments = ["learn", str(demonstrations), "--out", str(out), "--bases", "7", "--json"]
-    document = json.loads(runner.invoke(app, arguments).stdout)
+    document = json.loads(invoke(*arguments).stdout)
     assert document["bases"] == 7
     assert document["held_out_residual"] == {}
     assert document["demonstrations"] == 6
     assert Path(document["figure"]).read_bytes().startswith(b"\x89PNG")
-    checked = json.loads(runner.invoke(app, ["check", str(out), "--json"]).stdout)
+    checked = json.loads(invoke("check", out, "--json").stdout)
     assert (checked["kind"], checked["bases"]) == ("primitive", 7)
 
 
 def test_learn_says_its_residual_and_how_many_bases_it_chose(demonstrations, tmp_path):
     out = tmp_path / "reach.npz"
     arguments = ["learn", str(demonstrations), "--out", str(out), "--no-figure"]
-    document = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)
+    document = json.loads(invoke(*arguments, "--json").stdout)
     held_out = {int(count): value for count, value in document["held_out_residual"].items()}
     assert document["bases"] == min(held_out, key=lambda count: held_out[count])
     rest = np.concatenate(residuals(load_demonstrations(demonstrations), Basis(document["bases"])))
@@ -161,7 +149,7 @@ def test_learn_says_its_residual_and_how_many_bases_it_chose(demonstrations, tmp
     assert document["residual"]["joints"]["b"]["largest"] == pytest.approx(np.abs(rest[:, 1]).max())
     assert document["figure"] is None
     assert not out.with_suffix(".png").exists()
-    result = runner.invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.stderr == ""
     assert f"{document['residual']['rms']:.4f}" in result.stdout.split("all")[-1]
     assert f"{document['bases']} bases a joint, cross-validated" in result.stdout
@@ -175,13 +163,13 @@ def test_learn_warns_of_what_its_bases_cannot_follow(tmp_path: Path) -> None:
     path, out = tmp_path / "jump.npz", tmp_path / "p.npz"
     np.savez(path, positions=positions, joint_names=np.array(["a"]))
     arguments = ["learn", str(path), "--out", str(out), "--bases", "6"]
-    result = runner.invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 0
     assert result.stderr.startswith("warning: ")
     assert ".py" not in result.stderr
     assert "warning: the bases are more than 0.05 rad (or m) from 1 of 4 demon" in result.stderr
     assert "furthest is demonstration 2, a, at phase 0.5" in result.stderr
-    message = json.loads(runner.invoke(app, [*arguments, "--json"]).stdout)["message"]
+    message = json.loads(invoke(*arguments, "--json").stdout)["message"]
     assert message in result.stderr
 
 
@@ -194,27 +182,27 @@ def test_names_are_asked_for(demonstrations: Path, tmp_path: Path) -> None:
     np.savez(path, **arrays)
     learn = ["learn", str(path), "--out", str(out), "--no-figure"]
     for arguments in (learn, ["check", str(path)], ["check", str(out)]):
-        result = runner.invoke(app, arguments)
+        result = invoke(*arguments)
         assert result.exit_code == 0
         assert "has joints called joint_1, joint_2 and so on, as columns with" in result.stderr
-    result = runner.invoke(app, [*learn, "--robot", "scara", "--json"])
+    result = invoke(*learn, "--robot", "scara", "--json")
     names = ["lift_joint", "shoulder_joint", "elbow_joint"]
     assert json.loads(result.stdout)["joints"] == names
     assert "taken to be lift_joint, shoulder_joint, elbow_joint, in this order" in result.stderr
     np.savez(path, **arrays, joint_names=np.array(sorted(names)))
-    result = runner.invoke(app, [*learn, "--robot", "scara", "--json"])
+    result = invoke(*learn, "--robot", "scara", "--json")
     assert json.loads(result.stdout)["joints"] == names
     assert result.stderr == ""
     start = arrays["positions"][:, :, [1, 2, 0]].mean(axis=0)[0]
     np.testing.assert_allclose(ProMP.load(out).mean_trajectory(2)[0], start, atol=0.01)
-    result = runner.invoke(app, [*learn, "--robot", "panda"])
+    result = invoke(*learn, "--robot", "panda")
     assert result.exit_code == 2
     assert result.stderr.startswith(f"error INVALID_DEMONSTRATION: {path}: the robot has no joint")
 
 
 def test_learn_by_expectation_maximisation(demonstrations: Path, tmp_path: Path) -> None:
     out = tmp_path / "reach.npz"
-    result = runner.invoke(app, ["learn", str(demonstrations), "--out", str(out), "--em"])
+    result = invoke("learn", demonstrations, "--out", out, "--em")
     assert result.exit_code == 0, result.stderr
     assert out.exists()
 
@@ -224,7 +212,7 @@ def test_learn_leaves_nothing_where_it_cannot_write(demonstrations: Path, tmp_pa
         (demonstrations / "x.npz", "error INVALID_REQUEST: cannot write"),
         (tmp_path / "a.promp", "error INVALID_REQUEST: --out "),
     ):
-        result = runner.invoke(app, ["learn", str(demonstrations), "--out", str(out)])
+        result = invoke("learn", demonstrations, "--out", out)
         assert result.exit_code == 2
         assert result.stderr.startswith(words)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["recorded.npz"]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import call, invoke, read
+from tests.cli.fixtures import RUN, call, invoke, ran, read
 from tests.folders import FILES
 
 from optipromp import PlanOptions
@@ -19,7 +19,6 @@ from optipromp.core.planning import plan
 from optipromp.core.scenes.io import save_scene
 from optipromp_sim.generate import generate
 
-RUN = [sys.executable, "-m", "optipromp"]
 RECORDED = (
     Path(__file__).resolve().parents[4] / "../shared/data/panda_demonstrations/demonstrations.npz"
 )
@@ -33,12 +32,7 @@ KEYS = {"scene", "planner", "status", "message", "metrics", "terms", "time"}
 
 def test_plan_prints_one_document_and_leaves_its_files(tmp_path: Path) -> None:
     out = tmp_path / "reach"
-    done = subprocess.run(
-        [*RUN, "plan", "scenario-3", "--reach", "--json", "--out", str(out)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran([*RUN, "plan", "scenario-3", "--reach", "--json", "--out", str(out)])
     assert done.returncode == 0, done.stderr
     document = read(done.stdout)
     assert document.keys() >= KEYS
@@ -155,7 +149,7 @@ def test_progress_is_told_where_it_is_asked_for(tmp_path: Path) -> None:
     found = {}
     for name, options in {"both": ("--json", "--progress"), "pipe": ()}.items():
         words = [sys.executable, "-c", slow, "plan", "scenario-4", *options]
-        done = subprocess.run(words, capture_output=True, text=True, check=True)
+        done = ran(words)
         found[name] = done.stderr
         if "--json" in options:
             assert read(done.stdout)["status"] == "success"

@@ -10,8 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-
-RUN = [sys.executable, "-m", "optipromp"]
+from tests.cli.fixtures import RUN, ran
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["plan", "--help"], ["--version"]])
@@ -25,25 +24,19 @@ def test_help_imports_nothing_heavy(arguments: list[str]) -> None:
         "heavy = {'numpy', 'numba', 'scipy', 'matplotlib', 'yaml'} & set(sys.modules)\n"
         "assert not heavy, heavy\n"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    done = ran([sys.executable, "-c", code])
     assert done.returncode == 0, done.stderr
 
 
 def test_wrong_input_has_no_traceback() -> None:
-    done = subprocess.run([*RUN, "plan", "nowhere"], capture_output=True, text=True, check=False)
+    done = ran([*RUN, "plan", "nowhere"])
     assert done.returncode == 2
     assert done.stderr.startswith("error INVALID_SCENE: ")
     assert done.stderr.count("\n") == 1
 
 
 def test_a_closed_pipe_is_no_crash() -> None:
-    done = subprocess.run(
-        f"{sys.executable} -m optipromp list --json | true",
-        shell=True,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ran(f"{sys.executable} -m optipromp list --json | true")
     assert "Traceback" not in done.stderr
 
 
@@ -85,9 +78,7 @@ cli.main()
 @pytest.mark.parametrize(("name", "code"), [("SIGTERM", 143), ("SIGINT", 130)])
 def test_a_signal_lost_in_a_callback_from_c_still_ends_the_process(name: str, code: int) -> None:
     program = IN_A_CALLBACK.format(name=name)
-    done = subprocess.run(
-        [sys.executable, "-c", program], timeout=20, capture_output=True, text=True
-    )
+    done = ran([sys.executable, "-c", program], timeout=20)
     assert done.returncode == code
     assert "Traceback" not in done.stderr
 
@@ -124,9 +115,7 @@ def test_ctrl_c_ends_with_130_wherever_it_comes(act: str, tmp_path: Path) -> Non
     """
     (tmp_path / "half.py").write_text(textwrap.dedent(module))
     program = INTERRUPTED.format(folder=str(tmp_path), act=act)
-    done = subprocess.run(
-        [sys.executable, "-c", program], timeout=20, capture_output=True, text=True
-    )
+    done = ran([sys.executable, "-c", program], timeout=20)
     assert done.returncode == 130
     assert done.stderr == "interrupted; nothing half-written was left\n"
     assert done.stdout == ("whole\n" if "half" in act else "")
@@ -137,7 +126,7 @@ def test_a_signal_that_is_ignored_stays_ignored(tmp_path: Path) -> None:
     act = "os.kill(os.getpid(), signal.SIGINT); raise SystemExit(0)"
     (tmp_path / "ignored.py").write_text(INTERRUPTED.format(folder=str(tmp_path), act=act))
     command = f"trap '' INT; {sys.executable} {tmp_path / 'ignored.py'}"
-    done = subprocess.run(command, shell=True, timeout=20, capture_output=True, text=True)
+    done = ran(command, timeout=20)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -154,7 +143,7 @@ def test_a_full_disk_behind_standard_output_is_told_in_a_line() -> None:
 @pytest.mark.skipif(sys.platform == "win32", reason="a shell of POSIX")
 def test_a_closed_standard_output_is_no_crash() -> None:
     command = f"{sys.executable} -m optipromp list >&-"
-    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    done = ran(command)
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -170,12 +159,12 @@ def test_a_terminal_without_utf_8_gets_letters_it_has() -> None:
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
 def test_too_little_memory_is_told_and_not_waited_in() -> None:
     limited = f"ulimit -v 400000; {sys.executable} -m optipromp list"
-    done = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=60)
+    done = ran(["bash", "-c", limited], timeout=60)
     assert done.returncode == 2
     assert done.stderr.startswith("error INVALID_REQUEST: memory is limited to 410 MB")
     planned = "from optipromp import load_scene, plan; plan(load_scene('scenario-3'))"
     limited = f'ulimit -v 400000; {sys.executable} -c "{planned}"'
-    done = subprocess.run(["bash", "-c", limited], capture_output=True, text=True, timeout=60)
+    done = ran(["bash", "-c", limited], timeout=60)
     assert done.returncode == 1
     last = done.stderr.splitlines()[-1]
     assert last.startswith("optipromp.core.errors.InvalidRequestError: memory is limited to 410 MB")

@@ -11,13 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import invoke
 from tests.fuzzing.originals import chain, obj
 from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
-
-runner = CliRunner()
 NAMES = np.array([f"joint{k}" for k in range(1, 8)])
 MOTION = (
     np.linspace(0.0, 1.0, 20)[None, :, None] * np.array([0.9, 1.0, 1.2])[:, None, None] * np.ones(7)
@@ -34,22 +31,7 @@ SCENES: list[tuple[Any, str]] = [
     (with_object(shape={"point_cloud": {"file": "secret.txt", "radius": 1}}), "three numbers"),
     (with_object(shape={"mesh": {"file": "open.obj"}}), "watertight"),
     (with_object(shape={"mesh": {"file": "nan.obj"}}), "vertex"),
-    ('{"name": 1' + "0" * 5000 + "}", "4300 digits"),
-    ("[" + "0," * 3_000_001, "more than 3000000 values"),
-]  # fmt: skip
-YAMLS: list[tuple[str, str]] = [
-    ("[" * 100_000, "nested deeper than 100"), ("- " * 5_000, "nested deeper than 100"),
-    ("a0: &a0 {x: 1}\n" + "".join(
-        f"a{i}: &a{i}\n  <<: [{', '.join([f'*a{i - 1}'] * 9)}]\n" for i in range(1, 12)
-    ), "unfold"),
-    *((f"name: {tag}\n", "must have none") for tag in (
-        "!!timestamp x", "!!bool x", "!!int x", "!!binary x", "!!python/name:os.system",
-        "!!set {a}",
-    )),
-    ("".join(f"k{i}: 1\n" for i in range(60_000)), "unknown key 'k0'"),
-    ("a: &a [x,x,x,x,x,x,x,x,x]\n" + "".join(
-        f"{chr(98 + i)}: &{chr(98 + i)} [{','.join(['*' + chr(97 + i)] * 9)}]\n" for i in range(5)
-    ), "unknown key 'a'"),
+    ("[" * 100_000, "nested too deep"),
 ]  # fmt: skip
 
 
@@ -69,7 +51,7 @@ COMPILING = "compiling kernels, once (about half a minute) ...\n"  # where the c
 def refused(arguments: list[str], code: str, *words: str) -> None:
     """The command says so in one line, ends with 2 and leaves nothing."""
     before = set(Path().rglob("*"))
-    result = runner.invoke(app, arguments)
+    result = invoke(*arguments)
     assert result.exit_code == 2, result.output
     assert result.stdout == ""
     told = result.stderr.removeprefix(COMPILING)
@@ -96,27 +78,19 @@ def test_scenes(folder: Path, content: Any, words: str) -> None:
     refused(["plan", "s.json", "--out", "out"], "INVALID_SCENE", "s.json", words)
 
 
-@pytest.mark.parametrize(("content", "words"), YAMLS)
-def test_yaml(folder: Path, content: str, words: str) -> None:
-    (folder / "s.yaml").write_text(content)
-    refused(["plan", "s.yaml", "--out", "out"], "INVALID_SCENE", "s.yaml", words)
-
-
 def broken(kind: str) -> None:
     """A file demos.npz (or what else it is) that holds no demonstrations."""
     path, good = Path("demos.npz"), {"positions": MOTION, "joint_names": NAMES}
     match kind:
-        case "objects":
-            np.savez(path, positions=np.array([None], dtype=object))
-        case "cut" | "flipped" | "encrypted":
+        case "flipped" | "encrypted":
             np.savez(path, allow_pickle=False, **good)
             data = bytearray(path.read_bytes())
             if kind == "flipped":
                 data[600] ^= 0xFF
-            elif kind == "encrypted":
+            else:
                 data[6] |= 1
                 data[data.find(b"PK\x01\x02") + 8] |= 1
-            path.write_bytes(bytes(data[: len(data) // 2] if kind == "cut" else data))
+            path.write_bytes(bytes(data))
         case "bomb":
             with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
                 archive.writestr("positions.npy", bytes(300_000_000))
@@ -126,7 +100,7 @@ def broken(kind: str) -> None:
             np.savez(path, positions=MOTION * 1e300, joint_names=NAMES)
 
 
-@pytest.mark.parametrize("kind", ["objects", "cut", "flipped", "encrypted", "bomb", "pipe", "huge"])
+@pytest.mark.parametrize("kind", ["flipped", "encrypted", "bomb", "pipe", "huge"])
 def test_demonstrations(folder: Path, kind: str) -> None:
     broken(kind)
     refused(
@@ -171,7 +145,7 @@ def test_objects_of_hundreds_of_metres_are_told(folder: Path) -> None:
     scene = copy.deepcopy(MINIMAL)
     scene["objects"].append(floor | {"position": [0, 0, -0.5]})
     (folder / "s.json").write_text(json.dumps(scene))
-    result = runner.invoke(app, ["check", "s.json"])
+    result = invoke("check", "s.json")
     assert result.exit_code == 0
     assert "warning: object 'floor' reaches" in result.stderr
     assert "millimetres?" in result.stderr
@@ -187,7 +161,7 @@ def test_a_scene_may_read_where_it_is_allowed(folder, monkeypatch):
     monkeypatch.chdir(other)
     refused(["check", "scenes/s.json"], "INVALID_SCENE", "outside the folder")
     monkeypatch.setenv("OPTIPROMP_FOLDERS", str(folder))
-    assert runner.invoke(app, ["check", "scenes/s.json"]).exit_code == 0
+    assert invoke("check", "scenes/s.json").exit_code == 0
 
 
 @pytest.mark.parametrize("name", ["a[/bold]$\\frac{$%s{}", "ü–→"])
@@ -195,7 +169,7 @@ def test_names_are_no_markup(folder: Path, name: str) -> None:
     scene = copy.deepcopy(MINIMAL) | {"name": name}
     scene["objects"][0]["id"] = name
     (folder / "s.json").write_text(json.dumps(scene))
-    result = runner.invoke(app, ["plan", "s.json", "--out", "out"])
+    result = invoke("plan", "s.json", "--out", "out")
     assert result.exit_code == 0, result.output
     assert name in result.stdout
     assert json.loads(Path("out/plan.json").read_text())["scene"] == name
@@ -207,9 +181,7 @@ def test_an_id_leads_to_no_other_folder(folder: Path, id_: str) -> None:
     scene = copy.deepcopy(MINIMAL)
     scene["objects"][0]["id"] = id_
     (folder / "s.json").write_text(json.dumps(scene))
-    result = runner.invoke(
-        app, ["plan", "s.json", "--targets", id_, "--out", "out", "--no-figures"]
-    )
+    result = invoke("plan", "s.json", "--targets", id_, "--out", "out", "--no-figures")
     assert result.exit_code == 0, result.output
     (home,) = (path for path in (folder / "out").iterdir() if path.is_dir())
     assert home.name.startswith("1-")
@@ -245,7 +217,7 @@ def test_names_that_no_file_can_have(folder: Path, command: list[str]) -> None:
     (folder / "arm.urdf").write_text(chain(Random(1)))
     (folder / "cube.obj").write_bytes(obj())
     before = sorted(path.name for path in folder.iterdir())
-    result = runner.invoke(app, command)
+    result = invoke(*command)
     assert result.exit_code == 2, result.output
     assert result.exception is None or isinstance(result.exception, SystemExit)
     assert LONG[:100] in "".join(result.stderr.split())

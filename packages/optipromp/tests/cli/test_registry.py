@@ -2,11 +2,10 @@
 
 import json
 import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from tests.cli.fixtures import RUN, ran
 
 COMMANDS = '''
 from __future__ import annotations
@@ -51,10 +50,7 @@ def place(tmp_path: Path) -> Path:
 
 def run(place: Path, *words: str) -> tuple[int, str, str]:
     paths = os.pathsep.join([str(place), os.environ.get("PYTHONPATH", "")])
-    done = subprocess.run(
-        [sys.executable, "-m", "optipromp", *words], capture_output=True, text=True,
-        env=os.environ | {"PYTHONPATH": paths},
-    )  # fmt: skip
+    done = ran([*RUN, *words], env=os.environ | {"PYTHONPATH": paths})
     return done.returncode, done.stdout, done.stderr
 
 

@@ -128,18 +128,16 @@ def test_other_refusals(tmp_path: Path) -> None:
     ):
         with pytest.raises(InvalidRequestError, match=message):
             read_trajectory(path, names)
-    np.savez(tmp_path / "a.npz", positions=np.zeros((3, 7)))
-    with pytest.raises(InvalidRequestError, match="a trajectory has times"):
-        read_trajectory(tmp_path / "a.npz", names)
-    np.savez(tmp_path / "b.npz", times=np.arange(3.0), positions=np.zeros((3, 6)))
-    with pytest.raises(InvalidRequestError, match=r"positions have shape \(3, 6\)"):
-        read_trajectory(tmp_path / "b.npz", names)
+    times, q = np.arange(3.0), np.zeros((3, 7))
     single = np.array("joint1")  # without dimensions
-    np.savez(
-        tmp_path / "c.npz", times=np.arange(3.0), positions=np.zeros((3, 7)), joint_names=single
-    )
-    with pytest.raises(InvalidRequestError, match="3 times and 1 joints"):
-        read_trajectory(tmp_path / "c.npz", names)
+    for held, message in (
+        ({"positions": q}, "a trajectory has times"),
+        ({"times": times, "positions": q[:, :6]}, r"positions have shape \(3, 6\)"),
+        ({"times": times, "positions": q, "joint_names": single}, "3 times and 1 joints"),
+    ):
+        np.savez(tmp_path / "a.npz", **held)
+        with pytest.raises(InvalidRequestError, match=message):
+            read_trajectory(tmp_path / "a.npz", names)
     code, _, stderr = call("validate", str(write(tmp_path / "t.csv", "")))
     assert code == 2
     assert "add --scene SCENE" in stderr

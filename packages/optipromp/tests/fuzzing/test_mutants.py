@@ -33,16 +33,9 @@ def run(made) -> None:
 
 
 @pytest.mark.slow
-@few
-@given(randoms)
-def test_what_is_mutated_is_refused_or_right(random: Random) -> None:
-    run(mutant(random))
-
-
-@pytest.mark.slow
-@few
-@given(st.sampled_from([robot, demonstrations, plan_folder]), randoms)
-def test_files_that_are_mutated_are_refused_or_right(make, random: Random) -> None:
+@settings(few, max_examples=30)
+@given(st.sampled_from([mutant, robot, demonstrations, plan_folder]), randoms)
+def test_what_is_mutated_is_refused_or_right(make, random: Random) -> None:
     run(make(random))
 
 

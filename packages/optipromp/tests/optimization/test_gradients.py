@@ -203,20 +203,18 @@ def test_costs_of_one_name_both_count(panda: Any, check_gradient: Callable[..., 
     check_gradient(twice, panda.q)
 
 
-@pytest.mark.parametrize("weight", [-1e-12, -1.0, float("nan")])
-def test_a_negative_weight_is_refused(weight: float) -> None:
-    with pytest.raises(InvalidRequestError, match="weight of velocity"):
-        VelocityCost(weight)
+NAN = float("nan")
 
 
-@pytest.mark.parametrize("epsilon", [0.0, -0.01, float("nan")])
-def test_epsilon_must_be_positive(epsilon: float) -> None:
-    with pytest.raises(InvalidRequestError, match="epsilon"):
-        ObstacleCost("static", 1.0, epsilon, "max")
-
-
-def test_unknown_forms_are_refused_with_the_valid_ones() -> None:
-    with pytest.raises(InvalidRequestError, match="'max' or 'sum'"):
-        ObstacleCost("static", 1.0, 0.01, "mean")  # type: ignore[arg-type]
-    with pytest.raises(InvalidRequestError, match="'quadratic' or 'reciprocal'"):
-        PushCost(1.0, np.zeros(3), np.eye(3), 0, np.ones(3), "cubic")  # type: ignore[arg-type]
+@pytest.mark.parametrize(
+    ("kind", "given", "words"),
+    [
+        *((VelocityCost, (value,), "weight of velocity") for value in (-1e-12, -1.0, NAN)),
+        *((ObstacleCost, ("static", 1.0, value, "max"), "epsilon") for value in (0.0, -0.01, NAN)),
+        (ObstacleCost, ("static", 1.0, 0.01, "mean"), "'max' or 'sum'"),
+        (PushCost, (1.0, np.zeros(3), np.eye(3), 0, np.ones(3), "cubic"), "'quadratic' or 'recip"),
+    ],
+)
+def test_what_is_refused(kind: Any, given: tuple[Any, ...], words: str) -> None:
+    with pytest.raises(InvalidRequestError, match=words):
+        kind(*given)

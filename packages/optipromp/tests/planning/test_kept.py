@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.planning.builders import assert_success, beside_a_box
+from tests.refusals import assert_refused
 
 from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
@@ -152,6 +153,4 @@ def test_a_saved_path_is_the_same_path_and_turns_with_the_frame(tmp_path: Path) 
     ],
 )
 def test_refusals_of_a_path(path: Any, words: str) -> None:
-    with pytest.raises(InvalidSceneError) as refused:
-        scene(ASIDE, path)
-    assert words in str(refused.value)
+    assert_refused(InvalidSceneError, words, scene, ASIDE, path)

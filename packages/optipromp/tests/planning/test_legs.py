@@ -4,15 +4,13 @@ import json
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import invoke
 from tests.planning.builders import tool_speed
-from typer.testing import CliRunner
 
 from optipromp import PlanOptions, load_pick, plan, plan_pick, simulate, write_pick
-from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidPlanError, InvalidSceneError
 from optipromp.core.geometry import Box, Sphere
 from optipromp.core.planning.leg_tasks import leg, leg_task
@@ -34,10 +32,6 @@ def placing(kind: str, seed: int) -> Scene:
     scene = generate(kind, seed)  # type: ignore[arg-type]
     punnet = SceneObject("punnet", "static", Box((0.1, 0.1, 0.05)), np.array([0.45, -0.5, 0.45]))
     return replace(scene, place=PLACE, objects=(*scene.objects, punnet))
-
-
-def invoke(*arguments: object) -> Any:
-    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 @pytest.fixture(scope="module")

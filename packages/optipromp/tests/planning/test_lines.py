@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from tests.planning.builders import assert_success, beside_a_box
+from tests.refusals import assert_refused
 
 from optipromp import load_plan, load_scene, write_plan
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
@@ -227,11 +228,8 @@ def test_saved_way_points_are_the_same_and_turn_with_the_frame(tmp_path: Path) -
     ],
 )  # fmt: skip
 def test_refusals_of_way_points(waypoints: Any, goal: Any, words: str) -> None:
-    with pytest.raises(InvalidSceneError) as refused:
-        scene_from_dict(
-            {"name": "s", "robot": "panda", "goal": goal, "waypoints": waypoints, "objects": []}
-        )
-    assert words in str(refused.value)
+    stated = {"name": "s", "robot": "panda", "goal": goal, "waypoints": waypoints, "objects": []}
+    assert_refused(InvalidSceneError, words, scene_from_dict, stated)
 
 
 @pytest.mark.parametrize(

@@ -215,16 +215,36 @@ def test_warnings_of_helpers_are_given_here_each_once() -> None:
     assert sorted(str(each.message) for each in told) == ["remark 0", "remark 1"]
 
 
-def interrupted(folder: Path, wait: float, code: str) -> str:
-    """The first line of a script that hears Ctrl-C ``wait`` [s] later, and ends of that alone."""
-    script = folder / "many.py"
-    script.write_text(code)
+MANY = """
+import multiprocessing
+from optipromp.core.planning import plan_many
+
+def said(index, result):
+    for helper in multiprocessing.active_children():  # none while it starts
+        print(helper.pid, flush=True)
+
+if __name__ == "__main__":
+    print("begun", flush=True)
+    try:
+        plan_many(["scenario-3"] * 5000, workers=2, progress=said)
+    except KeyboardInterrupt as own:
+        raise own from None  # not what it came in the midst of
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize(("wait", "planning"), [(0.1, False), (0.6, False), (2.0, True)])
+def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path, wait, planning):
+    """Also while helpers start: Ctrl-C comes ``wait`` [s] later; the script ends of it alone."""
+    script = tmp_path / "many.py"
+    script.write_text(MANY)
     process = subprocess.Popen(
         [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         text=True, start_new_session=True,
     )  # fmt: skip
     try:
-        said = process.stdout.readline()
+        assert process.stdout.readline() == "begun\n"
+        helper = int(process.stdout.readline()) if planning else None
         time.sleep(wait)
         os.killpg(process.pid, signal.SIGINT)  # as a terminal does: to all processes
         _, stderr = process.communicate(timeout=20)
@@ -233,42 +253,6 @@ def interrupted(folder: Path, wait: float, code: str) -> str:
         raise
     assert stderr.count("Traceback") == 1  # the caller's own
     assert stderr.rstrip().endswith("KeyboardInterrupt")
-    return said
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("wait", [0.1, 0.6])
-def test_an_interruption_while_helpers_start_is_heard(tmp_path: Path, wait: float) -> None:
-    said = interrupted(
-        tmp_path,
-        wait,
-        "from optipromp.core.planning import plan_many\n"
-        "if __name__ == '__main__':\n"
-        "    print('begun', flush=True)\n"
-        "    try:\n"
-        "        plan_many(['scenario-3'] * 5000, workers=2)\n"
-        "    except KeyboardInterrupt as own:\n"
-        "        raise own from None\n",  # not what it came in the midst of
-    )
-    assert said == "begun\n"
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-def test_an_interruption_ends_at_once_and_leaves_no_process(tmp_path: Path) -> None:
-    said = interrupted(
-        tmp_path,
-        2.0,
-        "import multiprocessing\n"
-        "from optipromp.core.planning import plan_many\n"
-        "def said(index, result):\n"
-        "    for helper in multiprocessing.active_children():\n"  # none while it starts
-        "        print(helper.pid, flush=True)\n"
-        "if __name__ == '__main__':\n"
-        "    try:\n"
-        "        plan_many(['scenario-3'] * 5000, workers=2, progress=said)\n"
-        "    except KeyboardInterrupt as own:\n"
-        "        raise own from None\n",  # not what it came in the midst of
-    )
-    helper = int(said)
-    with pytest.raises(ProcessLookupError):
-        os.kill(helper, 0)
+    if helper is not None:
+        with pytest.raises(ProcessLookupError):
+            os.kill(helper, 0)

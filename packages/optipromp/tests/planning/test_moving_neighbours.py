@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cli.fixtures import invoke
 from tests.judging.builders import gap
-from typer.testing import CliRunner
 
 import optipromp
-from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidRequestError, InvalidSceneError
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import Plan, PlanOptions, plan_pick
@@ -135,7 +134,7 @@ def test_neighbours_that_move_in_files(tmp_path: Path) -> None:
     scene = led(led(KNOWN, "n1", [0.0, 0.03, 0.0], 3.0), "left", [0.0, 0.05, 0.0], 2.0)
     path, out = tmp_path / "led.yaml", tmp_path / "plan"
     save_scene(scene, path)
-    checked = CliRunner().invoke(app, ["check", str(path), "--json"])
+    checked = invoke("check", path, "--json")
     assert checked.exit_code == 0, checked.output
     assert json.loads(checked.stdout)["moving"] == ["n1", "left"]
     made = optipromp.plan(optipromp.load_scene(path))

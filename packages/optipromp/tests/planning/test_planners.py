@@ -10,9 +10,8 @@ from typing import Annotated, Any
 import numpy as np
 import pytest
 from annotated_types import Gt, Unit
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
-from optipromp.cli.main import app
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.output import load_plan, write_plan
@@ -158,11 +157,11 @@ def test_a_strangers_planner_is_planned_with_studied_and_listed(three, strangers
     same(plan(three, planner="line"), plan(three, planner=Line()))
     rows = run_study(Study(("cluster",), ("line",), (0, 1)), tmp_path / "study", workers=1)
     assert [(row.planner, row.cause != "error") for row in rows] == [("line", True)]
-    listed = json.loads(CliRunner().invoke(app, ["list", "--json"]).stdout)
+    listed = json.loads(invoke("list", "--json").stdout)
     assert "line" in listed["planners"]
     assert listed["planner_settings"]["line"]["speed"]["meaning"] == "of the tool [m/s]."
     words = ["plan", "scenario-3", "--planner", "line", "--set", "speed=0.2", "--json"]
-    made = json.loads(CliRunner().invoke(app, words).stdout)
+    made = json.loads(invoke(*words).stdout)
     assert made["planner"] == "Line"
     slow = plan("scenario-3", planner="line").trajectory.duration
     assert made["metrics"]["duration"] < slow
@@ -171,7 +170,7 @@ def test_a_strangers_planner_is_planned_with_studied_and_listed(three, strangers
         ("speed=fast", "speed is 'fast': must be a number"),
         ("speed=-1.0", "speed is -1.0: must be above 0 [m/s]"),
     ):
-        wrong = CliRunner().invoke(app, [*words[:4], "--set", pair])
+        wrong = invoke(*words[:4], "--set", pair)
         assert (wrong.exit_code, told in wrong.stderr) == (2, True)
 
 

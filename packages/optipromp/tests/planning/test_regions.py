@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.cli.fixtures import invoke
 from tests.planning.builders import assert_success
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
 from optipromp.core.errors import Code
 from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning import Plan, judge, plan
@@ -128,7 +127,7 @@ def test_a_goal_of_several_is_kept_in_files(tmp_path: Path) -> None:
     ]
     goals.append({"joints": [1.8, 0.0, 0.0, -2.2, 0.0, 2.0, 0.8]})
     save_scene(scene(goals), tmp_path / "s.yaml")
-    told = CliRunner().invoke(app, ["check", str(tmp_path / "s.yaml"), "--json"])
+    told = invoke("check", tmp_path / "s.yaml", "--json")
     assert json.loads(told.stdout)["goal"] == "RegionGoal, JointGoal"
     write_plan(plan(load_scene(tmp_path / "s.yaml")), tmp_path / "out")
     assert load_plan(tmp_path / "out").goal == 0

@@ -5,10 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
 from optipromp import load_plan, plan_pick, plan_sequence, simulate
-from optipromp.cli.main import app
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.geometry import Sphere
 from optipromp.core.planning.leg_tasks import aimed
@@ -59,7 +58,7 @@ def test_a_fruit_that_cannot_be_picked_stays_and_says_why(bunch: Scene, tmp_path
     last = found.picks[-1].scene
     assert {item.role for item in last.objects if item.id == "n1"} == {"pushable"}
     save_scene(wide, tmp_path / "wide.yaml")
-    told = CliRunner().invoke(app, ["plan", str(tmp_path / "wide.yaml"), "--targets", "n1,n2"])
+    told = invoke("plan", tmp_path / "wide.yaml", "--targets", "n1,n2")
     assert told.exit_code == 1
     assert "1 of 2 planned" in told.stdout
     assert "n1 stays: " in told.stdout
@@ -75,9 +74,7 @@ def test_wrong_targets_are_refused(bunch: Scene, targets: tuple[str, ...]) -> No
 def test_the_command_leaves_a_folder_for_each_pick(bunch: Scene, tmp_path: Path) -> None:
     file, out = tmp_path / "bunch.yaml", tmp_path / "picks"
     save_scene(bunch, file)
-    result = CliRunner().invoke(
-        app, ["plan", str(file), "--targets", ", ".join(RIPE), "--out", str(out), "--json"]
-    )
+    result = invoke("plan", file, "--targets", ", ".join(RIPE), "--out", out, "--json")
     document = json.loads(result.stdout)
     assert result.exit_code == 0
     assert document == json.loads((out / "sequence.json").read_text())
@@ -85,4 +82,4 @@ def test_the_command_leaves_a_folder_for_each_pick(bunch: Scene, tmp_path: Path)
         assert (pick["target"], pick["status"]) == (id_, "success")
         kept = load_plan(Path(pick["out"]))
         assert kept.scene.target.id == id_
-    assert CliRunner().invoke(app, ["plan", str(tmp_path), "--targets", "ripe"]).exit_code == 2
+    assert invoke("plan", tmp_path, "--targets", "ripe").exit_code == 2

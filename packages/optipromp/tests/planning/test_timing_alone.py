@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.refusals import assert_refused
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.trajectory import Trajectory
@@ -99,9 +100,7 @@ def test_what_cannot_be_timed_is_refused(given: dict[str, object], named: str) -
     usual = {
         "waypoints": [[0.0], [1.0], [2.0]], "velocity": 1.0, "acceleration": 1.0, "jerk": 1.0
     }  # fmt: skip
-    with pytest.raises(InvalidRequestError) as told:
-        timed(**usual | given)  # type: ignore[arg-type]
-    assert named in told.value.message
+    assert_refused(InvalidRequestError, named, timed, **usual | given)
 
 
 def test_it_loads_no_reader_and_no_simulation() -> None:

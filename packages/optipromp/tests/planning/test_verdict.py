@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.cli.fixtures import invoke
 from tests.folders import rows, stated
-from typer.testing import CliRunner
 
 from optipromp import OptiPrompError, judge, load_plan, write_plan
-from optipromp.cli.main import app
 from optipromp.core.errors import Code, StartInvalidError
 from optipromp.core.judging import centers
 from optipromp.core.planning import PlanOptions, plan
@@ -30,7 +29,6 @@ from optipromp_sim.generate import generate
 
 LOW = np.array([0.0, -0.3, 0.0, -2.2, 0.0, 3.0, 0.8])  # as in docs/scene-format.md
 SEARCHED = Code.TIMEOUT, Code.GOAL_IN_COLLISION, Code.GOAL_UNREACHABLE, Code.NO_PLAN
-runner = CliRunner()
 
 
 def moved(scene: Scene, by: np.ndarray, **changes: Any) -> Scene:
@@ -226,7 +224,7 @@ def asked(folder: Path, report: bool) -> dict[str, Told]:
     except OptiPrompError as error:
         out["load_plan"] = f"error {error.code}", None
     for command in ("check", "validate"):
-        document = json.loads(runner.invoke(app, [command, str(folder), "--json"]).stdout)
+        document = json.loads(invoke(command, folder, "--json").stdout)
         harm = document.get("predicted_harm")
         failed = "metrics" not in document and "duration" not in document
         status = f"error {document['status']}" if failed else document["status"]

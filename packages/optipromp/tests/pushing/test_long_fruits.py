@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
+from tests.pushing.fruits import CUP, DT, NOTHING, TARGET, UP, along, hung, led
 
-from optipromp.core.arrays import FloatArray, frame_along
+from optipromp.core.arrays import frame_along
 from optipromp.core.geometry import (
     Box,
     Capsule,
@@ -20,34 +20,20 @@ from optipromp.core.geometry import (
     Shape,
     Sphere,
 )
-from optipromp.core.geometry.obstacles import Obstacles, pack
+from optipromp.core.geometry.obstacles import pack
 from optipromp.core.geometry.shapes import Primitive
 from optipromp.core.planning import plan
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
-from optipromp.core.pushing.stems.bending import Stems, hanging_balls
+from optipromp.core.pushing.stems.bending import hanging_balls
 from optipromp.core.pushing.stems.cup import cup_distance
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.pushing.stems.kept_states import NOT_KEPT
-from optipromp.core.pushing.stems.swinging import NEVER, push
 from optipromp.core.robots.tools import Cup
 from optipromp.core.scenes import Scene, SceneObject, Stem
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import simulate
 
-NOTHING = pack([])
 LONG = 0.012  # [m] between the balls
-
-
-def led(
-    stems: Stems, points: FloatArray, solid: Obstacles = NOTHING
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Positions (P, N, 3) of the lower balls, forces (P, N) on fruits and on stems."""
-    count, steps = len(stems.root), len(points)
-    out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
-    axes, new = np.tile(UP, (steps, 1)), (np.zeros(5), np.zeros(count), NEVER, 0.0, 0, NOT_KEPT)
-    push(stems, points, axes, DT, CUP, solid, np.inf, *out, *new)
-    return out
 
 
 def test_a_fruit_that_is_hardly_long_moves_as_a_ball() -> None:

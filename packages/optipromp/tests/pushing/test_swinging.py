@@ -6,34 +6,15 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from tests.pushing.fruits import CUP, DT, TARGET, UP, along, hung
+from tests.pushing.fruits import CUP, DT, NOTHING, TARGET, UP, along, hung, led
 
-from optipromp.core.geometry.obstacles import Obstacles, pack
+from optipromp.core.geometry.obstacles import pack
 from optipromp.core.geometry.shapes import Box
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
 from optipromp.core.pushing.stems.bending import Stems
-from optipromp.core.pushing.stems.cup import Mouth, cup_distance
-from optipromp.core.pushing.stems.kept_states import NOT_KEPT
-from optipromp.core.pushing.stems.swinging import Harm, push
-
-NOTHING = pack([])
-
-
-def led(
-    stems: Stems,
-    points: np.ndarray,
-    axis: np.ndarray = UP,
-    cup: Mouth = CUP,
-    solid: Obstacles = NOTHING,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Positions (P, N, 3), forces (P, N) on fruits and on stems."""
-    count, steps = len(stems.root), len(points)
-    out = np.zeros((steps, count, 3)), np.zeros((steps, count)), np.zeros((steps, count))
-    axes = np.tile(axis, (steps, 1))
-    new = np.zeros(5), np.zeros(count), swinging.NEVER, 0.0, 0, NOT_KEPT
-    assert push(stems, points, axes, DT, cup, solid, np.inf, *out, *new) == steps
-    return out
+from optipromp.core.pushing.stems.cup import cup_distance
+from optipromp.core.pushing.stems.swinging import Harm
 
 
 def predicted(stems: Stems, points: np.ndarray) -> Harm:

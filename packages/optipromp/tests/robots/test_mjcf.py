@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.refusals import assert_refused
 
 from optipromp.core.errors import InvalidRobotError
 from optipromp.core.robots import load_robot
@@ -275,10 +276,7 @@ def minimal(geom: str = '<geom size=".1"/>', more: str = "", name: str = "a") ->
 def test_what_would_end_the_process_or_never_end_is_refused(tmp_path, text, words):
     os.mkfifo(tmp_path / "pipe.stl")
     (tmp_path / "arm.xml").write_bytes(text.encode("latin-1"))
-    with pytest.raises(InvalidRobotError) as caught:
-        load_robot(tmp_path / "arm.xml")
-    assert "arm.xml" in caught.value.message
-    assert words in caught.value.message
+    assert_refused(InvalidRobotError, ["arm.xml", words], load_robot, tmp_path / "arm.xml")
 
 
 def test_a_process_that_ends_early_or_goes_on_is_told_of(tmp_path, monkeypatch):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from tests.refusals import assert_refused
 from tests.robots.links import Writer
 
 from optipromp import load_scene
@@ -122,10 +123,8 @@ def test_a_wrong_file_is_refused(tmp_path, change, told):
     assert set(data) == {"robot", *ARRAYS}
     change(data)
     (tmp_path / "arm.robot").write_bytes(npz(data))
-    with pytest.raises(InvalidRobotError) as caught:
-        load_robot(tmp_path / "arm.robot")
-    assert "arm.robot is no resolved robot file: " in caught.value.message
-    assert told in caught.value.message
+    words = "arm.robot is no resolved robot file: ", told
+    assert_refused(InvalidRobotError, words, load_robot, tmp_path / "arm.robot")
 
 
 def test_what_cannot_be_saved_or_chosen(tmp_path: Path) -> None:

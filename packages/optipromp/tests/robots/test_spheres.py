@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.refusals import assert_refused
 from tests.robots.covers import worst_gap
 from tests.robots.links import Writer
 
@@ -142,8 +143,4 @@ def test_bad_mesh(urdf: Writer, write: Writer, name: str, content: bytes, words:
     pytest.importorskip("trimesh")
     write(content, name)
     path = urdf(links=body("a", f'<mesh filename="{name}"/>'))
-    with pytest.raises(InvalidRobotError) as caught:
-        load_robot(path)
-    for word in ("link 'a'", *words):
-        assert word in caught.value.message
-    assert "\n" not in caught.value.message
+    assert_refused(InvalidRobotError, ["link 'a'", *words], load_robot, path)

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
 from optipromp.core.judging.distances import _stems
@@ -108,18 +107,14 @@ def test_a_plan_says_what_it_assumed_and_is_simulated(tmp_path: Path) -> None:
     seen = unseen(true, true.pushables[0].id)
     save_scene(true, tmp_path / "true.yaml")
     save_scene(seen, tmp_path / "seen.yaml")
-    runner = CliRunner()
     out = str(tmp_path / "reach")
-    made = runner.invoke(
-        app,
-        ["plan", str(tmp_path / "seen.yaml"), "--reach", "--no-figures", "--out", out, "--json"],
-    )
+    made = invoke("plan", tmp_path / "seen.yaml", "--reach", "--no-figures", "--out", out, "--json")
     assert made.exit_code == 0, made.stdout
     told = json.loads(made.stdout)
     assert "nobody saw" in told["assumed"][0]
     assert "nobody saw" in told["message"]
     for given_scene in ([], ["--in", str(tmp_path / "true.yaml")]):
-        run = runner.invoke(app, ["simulate", out, *given_scene, "--json"])
+        run = invoke("simulate", out, *given_scene, "--json")
         assert run.exit_code == 0, run.stdout
         assert json.loads(run.stdout)["picked"] is True
 
