@@ -267,11 +267,8 @@ def depths_seen(picture: DepthPicture) -> FloatArray:
 
 def _lead(sure: FloatArray, kinds: list[int]) -> FloatArray:
     """How much likelier (H, W) some classes together are than the likeliest other one."""
-    others = [sure[k] for k in range(len(sure)) if k not in kinds]
-    most = others[0]
-    for other in others[1:]:
-        most = np.maximum(most, other)
-    return np.asarray(sum(sure[k] for k in kinds) - most)
+    others = np.delete(sure, kinds, axis=0)
+    return np.asarray(sum(sure[k] for k in kinds) - others.max(axis=0))
 
 
 def _middles(counts: tuple[int, ...], lengths: tuple[int, ...]) -> Iterator[FloatArray]:

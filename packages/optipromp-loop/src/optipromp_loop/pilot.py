@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from scipy.linalg import polar
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.executor import standing
@@ -148,7 +149,8 @@ def look_in(camera: FloatArray, fruits: FloatArray, scene: Scene, now: float) ->
     """
     if camera[12] <= 0.0:
         return None
-    pose, items = Pose(camera[:3], rotation_of(camera[3:12])), list[SceneObject]()
+    turn, _ = polar(camera[3:12].reshape(3, 3))  # the nearest rotation, of single precision
+    pose, items = Pose(camera[:3], turn), list[SceneObject]()
     for k, row in enumerate(fruits.reshape(-1, 6)):
         if not 1 <= row[5] <= len(ROLES):
             continue
@@ -162,9 +164,3 @@ def look_in(camera: FloatArray, fruits: FloatArray, scene: Scene, now: float) ->
         items.append(item.transformed(pose.inverse()))
     view, age, near, far = camera[12:].tolist()
     return Look(now - age, pose, tuple(items), view, near, far or np.inf)
-
-
-def rotation_of(numbers: FloatArray) -> FloatArray:
-    """The rotation (3, 3) nearest to nine numbers of single precision."""
-    left, _, right = np.linalg.svd(numbers.reshape(3, 3))
-    return np.asarray(left @ right)

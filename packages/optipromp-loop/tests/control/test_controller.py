@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 from tests.control.benches import Picked, eye_of, in_order, pick, still
 
 from optipromp.core.arrays import FloatArray
@@ -87,20 +88,32 @@ def test_a_fruit_that_is_first_seen_on_the_way_is_planned_for(scene: Scene) -> N
     assert done.controller.tries == done.controller.parameters.tries
 
 
+def showing(points: FloatArray, begun: float) -> Callable[[tuple[Look, ...]], Iterable[Look]]:
+    """Looks that show a thing of points (k, 3) [m] after a time [s]."""
+
+    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
+        for look in looks:
+            cloud = PointCloudShape(look.camera.inverse() @ points, 0.005)
+            thing = SceneObject("unknown1", "static", cloud, np.zeros(3))
+            yield replace(look, solids=(thing,) if look.time > begun else ())
+
+    return filtered
+
+
+def away_from(points: FloatArray, done: Picked) -> float:
+    """Least distance of the arm on its way from points (k, 3) [m]."""
+    robot = done.controller.robot
+    centers = np.array([robot.sphere_centers(state.q) for state in done.references])
+    return float((cKDTree(points).query(centers)[0] - robot.spheres.radius).min())
+
+
 def test_a_thing_that_appears_in_a_look_is_an_obstacle(usual: Picked, scene: Scene) -> None:
     """A post stands beside the way that was taken; looks show its front after the arm set out."""
     first = usual.controller.plans[-1]
     points, _ = first.robot.tool_pose(first.trajectory.positions)
     up = 0.005 * np.arange(-12, 13)[:, None] * scene.up
     post = points[len(points) // 2] + 0.05 * scene.approach.frame[0] + up
-
-    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
-        for look in looks:
-            cloud = PointCloudShape(look.camera.inverse() @ post, 0.005)
-            thing = SceneObject("unknown1", "static", cloud, np.zeros(3))
-            yield replace(look, solids=(thing,) if look.time > 0.3 else ())
-
-    done = pick(Controller(scene), scene, eye_of(scene), filtered=filtered)
+    done = pick(Controller(scene), scene, eye_of(scene), filtered=showing(post, 0.3))
     assert_sound(done)
     last = done.controller.plans[-1]
     (seen,) = [item for item in last.scene.static if item.id.startswith("seen")]
@@ -108,10 +121,7 @@ def test_a_thing_that_appears_in_a_look_is_an_obstacle(usual: Picked, scene: Sce
     assert gaps.min(axis=0).max() < 1e-9  # and what nobody saw behind it
     assert 0.05 < gaps.min(axis=1).max() < HIDDEN + 0.01
     assert not any(o.id.startswith("seen") for o in done.controller.plans[0].scene.static)
-    centers = np.concatenate([done.controller.robot.sphere_centers(s.q) for s in done.references])
-    gaps = np.linalg.norm(centers[:, None] - post, axis=2).min(axis=1)
-    radii = np.tile(done.controller.robot.spheres.radius, len(done.references))
-    assert (gaps - radii).min() > 0.0
+    assert away_from(post, done) > 0.0
 
 
 def test_a_thing_that_appears_during_the_push_ends_it(usual: Picked, scene: Scene) -> None:
@@ -123,20 +133,11 @@ def test_a_thing_that_appears_during_the_push_ends_it(usual: Picked, scene: Scen
     fruits = np.array([item.position for item in scene.objects if item.stem is not None])
     far = np.linalg.norm(last[:, None] - fruits, axis=2).min(axis=1) - 0.05
     thing = last[np.argmax(np.minimum(arm, far))] + 0.005 * np.arange(-2, 3)[:, None] * scene.up
-
-    def filtered(looks: tuple[Look, ...]) -> Iterable[Look]:
-        for look in looks:
-            cloud = PointCloudShape(look.camera.inverse() @ thing, 0.005)
-            seen = SceneObject("unknown1", "static", cloud, np.zeros(3))
-            yield replace(look, solids=(seen,) if look.time > begun else ())
-
-    done = pick(Controller(scene), scene, eye_of(scene), filtered=filtered)
+    done = pick(Controller(scene), scene, eye_of(scene), filtered=showing(thing, begun))
     assert_sound(done)
     assert done.stages[:4] == [TRAVEL, OBSERVE, PUSH, LEAVE]
     assert done.reasons[3] == BLOCKED
-    centers = np.concatenate([robot.sphere_centers(state.q) for state in done.references])
-    away = np.linalg.norm(centers[:, None] - thing, axis=2).min(axis=1)
-    assert (away - np.tile(robot.spheres.radius, len(done.references))).min() > 0.0
+    assert away_from(thing, done) > 0.0
 
 
 def test_a_target_that_the_start_does_not_show_is_looked_for(scene: Scene) -> None:

@@ -105,24 +105,20 @@ def walled(seed: int) -> Scene:
     return replace(FREE, objects=tuple(items))
 
 
-@given(seed=st.integers(0, 10_000), strength=st.sampled_from([0.1, 0.5, 1.0, 2.0]))
-@example(seed=111, strength=2.0)  # along what is to be avoided
-@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_no_policy_breaks_a_limit_or_touches_what_stands(seed: int, strength: float) -> None:
+@given(
+    seed=st.integers(0, 10_000), strength=st.sampled_from([0.1, 0.5, 1.0, 2.0]),
+    jerk=st.sampled_from([0.003, 0.03, 1.0, 1.0, np.inf]),
+)  # fmt: skip
+@example(seed=111, strength=2.0, jerk=1.0)  # along what is to be avoided
+@settings(max_examples=18, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+def test_no_policy_breaks_a_limit_or_touches_what_stands(seed, strength, jerk):
+    """Of arms of little and of any jerk, too."""
     scene = walled(seed)
     robot, start = posed(scene)
-    motion, _ = driven(Guard(scene), start, wild_policy(seed, robot, strength), 150)
-    assert_within(scene, robot, motion, start)
-    assert np.ptp(motion.positions, axis=0).max() > 0.01  # it moves
-
-
-@given(seed=st.integers(0, 10_000), jerk=st.sampled_from([0.003, 0.03, np.inf]))
-@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.too_slow])
-def test_limits_hold_for_arms_of_little_and_of_any_jerk(seed: int, jerk: float) -> None:
-    robot, start = posed(FREE)
     robot = replace(robot, jerk=robot.jerk * jerk)
-    motion, _ = driven(Guard(FREE, robot), start, wild_policy(seed, robot, 1.0), 120)
-    assert_within(FREE, robot, motion, start)
+    motion, _ = driven(Guard(scene, robot), start, wild_policy(seed, robot, strength), 150)
+    assert_within(scene, robot, motion, start)
+    assert np.ptp(motion.positions, axis=0).max() > 0.01 * min(jerk, 1.0)  # it moves
 
 
 def test_a_wish_that_harms_nothing_is_executed_to_the_bit() -> None:

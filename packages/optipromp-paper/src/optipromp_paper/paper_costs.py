@@ -197,18 +197,13 @@ def push_reciprocal(points, tool, goal, lateral, softening, first, scale, force,
     return total
 
 
-def paper_violations(scene: Scene, metrics: Metrics, tolerance: float = 1e-4) -> list[Violation]:
-    """Where a judged trajectory breaks the paper's constraints 1 and 2 (method §5).
-
-    Args:
-        scene: for the stems.
-        metrics: of the judged trajectory.
-        tolerance: largest permitted ``drift_shortfall`` [m].
-    """
+def paper_violations(scene: Scene, metrics: Metrics) -> list[Violation]:
+    """Where a judged trajectory breaks the paper's constraints 1 and 2 (method §5): by its
+    ``metrics``, and the stems of its ``scene``."""
     out = []
     for item in scene.pushables:
         short, gap = metrics.drift_shortfall[item.id], metrics.stem_gap[item.id]
-        if short is not None and short > tolerance:
+        if short is not None and short > 1e-4:  # [m] rounding
             near = f"{short * 1e3:.1f} mm nearer than constraint 1 asks for"
             text = f"the tool passes {item.id} {near}"
             out.append(Violation("drift", text, item.id, None, short, "m"))

@@ -36,6 +36,7 @@ RNG = np.random.default_rng(61300)
 CAMERA = CameraModel(20, 12, 22.0, 23.0, 9.0, 6.0)
 RGB = RNG.integers(0, 256, (12, 20, 3), dtype=np.uint8)
 DEPTH = np.where(RNG.random((12, 20)) < 0.9, RNG.uniform(0.3, 0.9, (12, 20)), 0.0)
+PICTURE = DepthPicture(RGB, DEPTH.astype(np.float32).astype(np.float64), CAMERA)
 DEPTH = DEPTH.astype(np.float32)
 COLOUR, FAR, CLOUD = "/cam/color/image_raw", "/cam/depth/image_raw", "/cam/points"
 
@@ -178,14 +179,13 @@ def test_names_of_topics_tell_by_whole_words(topic: str, straight: bool, registe
 
 
 def test_a_cloud_is_a_picture_whose_camera_fits_its_points() -> None:
-    picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
-    whole = Pictures().heard(CLOUD, cloud(picture, EPOCH))
+    whole = Pictures().heard(CLOUD, cloud(PICTURE, EPOCH))
     found = whole.picture()
     assert (found.rgb == RGB).all()
     assert np.abs(found.depth - DEPTH).max() < 1e-6
     assert found.camera.fx == pytest.approx(22.0, abs=1e-4)
     assert found.camera.cy == pytest.approx(6.0, abs=1e-4)
-    turned = cloud(picture, EPOCH)
+    turned = cloud(PICTURE, EPOCH)
     for field, name in zip(turned.fields, "zxy", strict=False):  # z forward is x forward now
         field.name = name
     whole = Pictures().heard(CLOUD, turned)
@@ -288,8 +288,7 @@ def test_joint_states_tell_where_a_camera_on_the_hand_was(tmp_path: Path) -> Non
     robot, state = posed(SCENE)
     names = [f"fr3_{name}" for name in robot.joint_names]
     mounted = Pose([0.05, 0.0, 0.02], Rotation.from_rotvec([0.1, 0.2, 0.3]).as_matrix())
-    picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
-    items = [Recorded(CLOUD, cloud(picture, EPOCH), EPOCH)]
+    items = [Recorded(CLOUD, cloud(PICTURE, EPOCH), EPOCH)]
     for step in (-1, 1):
         stamp = EPOCH + step * SECOND // 100
         asleep = states(["finger"], np.zeros(1), stamp)
@@ -318,8 +317,7 @@ def camera_on(path: Path, told: list[tuple[str, float, float]]) -> Pose:
     ``told``: joint states, as prefix of an arm, time [s], and by how much its first joint is aside.
     """
     robot, state = posed(SCENE)
-    picture = DepthPicture(RGB, DEPTH.astype(np.float64), CAMERA)
-    items = [Recorded(CLOUD, cloud(picture, EPOCH), EPOCH)]
+    items = [Recorded(CLOUD, cloud(PICTURE, EPOCH), EPOCH)]
     for k, (prefix, time, aside) in enumerate(told):
         q = state.q + aside * np.eye(7)[0]
         names = [prefix + name for name in robot.joint_names]
@@ -334,7 +332,7 @@ def camera_on(path: Path, told: list[tuple[str, float, float]]) -> Pose:
 def test_of_joint_states_on_two_topics_the_usual_or_named_ones_are_read(tmp_path: Path) -> None:
     """Of one arm, such as what was commanded beside what was measured."""
     robot, state = posed(SCENE)
-    items = [Recorded(CLOUD, cloud(DepthPicture(RGB, DEPTH.astype(float), CAMERA), EPOCH), EPOCH)]
+    items = [Recorded(CLOUD, cloud(PICTURE, EPOCH), EPOCH)]
     still = frames(EPOCH, ("link7", FRAME, Pose()))
     items.append(Recorded("/tf_static", still, EPOCH))
     for topic, aside in (("/joint_states", 0.0), ("/commanded", 0.3), ("/gripper", None)):

@@ -17,7 +17,7 @@ from optipromp.core.robots.ik import rolled
 from optipromp.core.scenes import Scene, load_scene, save_scene, scene_to_dict
 from optipromp.core.scenes.scene import obstacles_of
 from optipromp_sim.generate import PRESETS, generate, generator
-from optipromp_sim.generate.checks import segments, unsolvable
+from optipromp_sim.generate.checks import unsolvable
 from optipromp_sim.generate.shelves import Footprint, apart
 
 SEEDS = range(12)
@@ -272,20 +272,6 @@ def test_scenes_that_no_arm_could_solve_are_recognised() -> None:
     assert unsolvable(replace(scene, objects=(target, *rest, near))) == "goal always in collision"
     far = replace(target, position=np.array([2.0, 0.0, 0.5]), stem=None)
     assert unsolvable(replace(scene, objects=(far, *rest))) == "target out of reach"
-
-
-def test_distances_between_segments() -> None:
-    rng = np.random.default_rng(0)
-    share = np.linspace(0, 1, 400)[:, None]
-    for _ in range(30):
-        one, other = rng.normal(size=(2, 3)), rng.normal(size=(2, 3))
-        a, b = one[0] + share * (one[1] - one[0]), other[0] + share * (other[1] - other[0])
-        brute = np.linalg.norm(a[:, None] - b[None], axis=2).min()
-        assert segments(one, other) == pytest.approx(brute, abs=0.01)
-        assert segments(one, other) <= brute + 1e-12
-        brute = np.linalg.norm(a - other[0], axis=1).min()
-        assert segments(other[[0, 0]], one) == pytest.approx(brute, abs=0.01)
-        assert segments(one, other[[0, 0]]) == pytest.approx(brute, abs=0.01)
 
 
 def test_footprints_apart() -> None:

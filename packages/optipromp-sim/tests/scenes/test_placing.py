@@ -1,11 +1,9 @@
 """Scenes placed in the reach of other robots than the one that they are stated for."""
 
 import re
-from importlib.resources import files
 
 import numpy as np
 import pytest
-import yaml
 from tests.scenes.six_joints import six
 
 from optipromp.core.errors import Code, InvalidRequestError
@@ -15,7 +13,7 @@ from optipromp.core.planning.task import resolve
 from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import NOTHING
 from optipromp_sim.generate import bunches, generate
-from optipromp_sim.generate.placing import ROUNDS, UnfitError, fitted
+from optipromp_sim.generate.placing import fitted
 from optipromp_sim.simulation import simulate
 
 FINGERS = "".join(
@@ -129,50 +127,15 @@ def test_shelves_are_for_the_panda(arm) -> None:
         generate("shelf", 0, arm)
 
 
-def test_places_that_almost_fit_are_varied(tmp_path) -> None:
-    """A Panda whose third joint is fixed has few places: none is among the candidates here."""
-    data = files("optipromp.core.robots").joinpath("data")
-    text = data.joinpath("panda.urdf").read_text()
-    fixed = text.replace('"joint3" type="revolute"', '"joint3" type="fixed"')
-    (tmp_path / "six.urdf").write_text(fixed)
-    told = yaml.safe_load(data.joinpath("panda.yaml").read_text())
-    told.update(name="six", urdf="six.urdf")
-    for key in ("acceleration", "jerk", "home"):
-        del told[key][2]
-    path = tmp_path / "six.yaml"
-    path.write_text(yaml.safe_dump(told))
-    robot, scene = load_robot(path), generate("cluster", 110_000)
-    with pytest.raises(UnfitError, match="links"):
-        fitted(scene, robot, str(path), NOTHING, turned=False)
-    found = fitted(scene, robot, str(path), NOTHING, turned=False, rounds=ROUNDS)
-    task = resolve(found)
-    point, axis = task.robot.tool_pose(found.start)
-    assert axis @ found.up == pytest.approx(1.0)
-    assert np.linalg.norm(point - found.target.position) < 0.5
-    again = fitted(scene, robot, str(path), NOTHING, turned=False, rounds=ROUNDS)
-    assert np.array_equal(again.start, found.start)
-
-
 @pytest.mark.parametrize("seed", [110_001, 110_002])
 def test_joints_keep_the_distance_from_their_limits_that_a_plan_keeps(seed) -> None:
     """An arm that hangs its hand on a slide: the best place of the second is where it ends."""
     scara, scene = load_robot("scara"), generate("cluster", seed)
-    scene = fitted(scene, scara, "scara", NOTHING, turned=False)
+    scene = fitted(scene, scara, "scara", NOTHING)
     assert plan(scene).valid
     task = resolve(scene)
     inside = np.minimum(scene.start - task.robot.lower, task.robot.upper - scene.start)
     assert inside.min() > 0.999 * Optimised.limit_margin
-
-
-@pytest.mark.filterwarnings("ignore:no built-in demonstrations")
-def test_a_neck_is_as_long_as_asked_for(arm) -> None:
-    robot, scene = load_robot(arm), generate("cluster", 110_001)
-    short, long = (
-        fitted(scene, robot, str(arm), NOTHING, turned=False, neck=neck) for neck in (0.0, 0.3)
-    )
-    assert short.tool.parameters["length"] == pytest.approx(0.1)
-    assert long.tool.parameters["length"] == pytest.approx(0.3)
-    assert plan(long).success
 
 
 def test_a_plan_tells_of_a_path_of_less_harm_that_its_arm_cannot_follow() -> None:

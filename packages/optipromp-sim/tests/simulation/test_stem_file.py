@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.simulation.one_stem import loaded, tracked
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
@@ -22,30 +23,12 @@ def berry(direction=(0.0, 0.0, 1.0), stiffness=STIFFNESS, length=LENGTH, radius=
     return SceneObject("b", "pushable", Sphere(radius), at, stem=stem, physical=physical)
 
 
-def loaded(text):
-    model = mujoco.MjModel.from_xml_string(text)
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    mujoco.mj_forward(model, data)
-    return model, data
-
-
-def run(model, data, seconds, force=(0.0, 0.0, 0.0)):
-    at = []
-    for _ in range(round(seconds / model.opt.timestep)):
-        data.body("fruit:b").xfrc_applied[:3] = force
-        mujoco.mj_step(model, data)
-        at.append(np.array(data.body("fruit:b").xpos))
-    return np.array(at)
-
-
 @pytest.mark.parametrize("direction", [(0, 0, 1.0), (0.3, 0, 1.0), (0, -1.0, 0.4)])
 def test_it_hangs_where_the_fruit_hangs(direction):
     fruit = berry(direction)
-    model, data = loaded(stem_mjcf(fruit))
+    model, data = loaded(fruit)
     np.testing.assert_allclose(data.body("fruit:b").xpos, fruit.position, atol=1e-6)
-    np.testing.assert_allclose(run(model, data, 2.0)[-1], fruit.position, atol=1e-3)
+    np.testing.assert_allclose(tracked(model, data, 2.0)[-1], fruit.position, atol=1e-3)
     assert model.nkey == (direction != (0, 0, 1.0))
     assert model.body("fruit:b").mass[0] == pytest.approx(MASS)
 
@@ -53,8 +36,8 @@ def test_it_hangs_where_the_fruit_hangs(direction):
 @pytest.mark.parametrize("stiffness", [1e-3, 2e-3, 5e-3])
 def test_it_bends_as_in_the_push_model(stiffness):
     fruit, force = berry(stiffness=stiffness), 0.05
-    model, data = loaded(stem_mjcf(fruit))
-    aside = run(model, data, 4.0, (force, 0.0, 0.0))[-1] - fruit.position
+    model, data = loaded(fruit)
+    aside = tracked(model, data, 4.0, (force, 0.0, 0.0))[-1] - fruit.position
     beam = bending.stems([fruit])
     assert aside[0] == pytest.approx(force * beam.compliance[0, -1, -1], rel=0.08)
     assert abs(aside[1]) < 1e-4

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
+from tests.simulation.one_stem import loaded, tracked
 
 from optipromp.core.arrays import frame_along
 from optipromp.core.geometry.shapes import Capsule, Cone, Sphere
@@ -18,7 +19,7 @@ from optipromp.core.scenes.scene import SceneObject, Stem
 from optipromp.core.trajectory import Trajectory
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_sim.generate import PRESETS, generate
-from optipromp_sim.simulation import SimulationParameters, stem_mjcf
+from optipromp_sim.simulation import SimulationParameters
 from optipromp_sim.simulation.steps import Execution
 from optipromp_sim.simulation.world import build
 
@@ -141,25 +142,12 @@ def pushed_beam(motion, force, steps):
 def pushed_fruit(stiffness, length, mass, lean, lag, push, steps):
     """The same of a simulated ball under ``push`` [N]: its displacement across its stem."""
     up = np.array([np.sin(np.radians(lean)), 0.0, np.cos(np.radians(lean))])
-    ball = SceneObject(
-        "b", "pushable", Sphere(RADIUS), np.zeros(3),
-        stem=Stem.along(np.zeros(3), up, length + RADIUS),
-        physical={"mass": mass, "stem_stiffness": stiffness},
-    )  # fmt: skip
-    default = SimulationParameters()
-    stem = replace(default.stem, damping_time=lag, swing_damping=0.0, density=1.0)
-    model = mujoco.MjModel.from_xml_string(stem_mjcf(ball, replace(default, stem=stem)))
-    data = mujoco.MjData(model)
-    if model.nkey:
-        mujoco.mj_resetDataKeyframe(model, data, 0)
-    across, out = np.array([up[2], 0.0, -up[0]]), []
-    place = data.qpos[model.joint("free:b").qposadr[0] :][:3]
-    for force in (push, 0.0):
-        data.xfrc_applied[model.body("fruit:b").id, :3] = force * across
-        for _ in range(steps):
-            mujoco.mj_step(model, data)
-            out.append(across @ place)
-    return np.array(out)
+    physical = {"mass": mass, "stem_stiffness": stiffness}
+    stem = {"damping_time": lag, "swing_damping": 0.0, "density": 1.0}
+    model, data = on_a_stem(length, up, RADIUS, physical, **stem)
+    across = np.array([up[2], 0.0, -up[0]])
+    both = [tracked(model, data, steps * STEP, force * across) for force in (push, 0.0)]
+    return np.concatenate(both) @ across
 
 
 @settings(max_examples=12, deadline=None, derandomize=True, phases=[Phase.generate])
@@ -186,32 +174,20 @@ def test_a_fruit_that_is_pushed_and_released_swings_as_on_a_beam(
 BALL, BALL_MASS = 0.016, 0.016  # [m] [kg]
 
 
-def plumb(length, **stem):
-    """A ball on a plumb stem of a length from root to fruit [m], as a model and its data."""
-    up, default = np.array([0.0, 0.0, 1.0]), SimulationParameters()
-    ball = SceneObject(
-        "b", "pushable", Sphere(BALL), np.zeros(3),
-        stem=Stem.along(np.zeros(3), up, length + BALL), physical={"mass": BALL_MASS},
-    )  # fmt: skip
-    parameters = replace(default, stem=replace(default.stem, **stem))
-    model = mujoco.MjModel.from_xml_string(stem_mjcf(ball, parameters))
-    return model, mujoco.MjData(model)
+UP = np.array([0.0, 0.0, 1.0])
 
 
-def tracked(model, data, seconds, force=(0.0, 0.0, 0.0)):
-    """Places (N, 3) of the ball, a step a row, under a force [N] at its middle."""
-    place = data.qpos[model.joint("free:b").qposadr[0] :][:3]
-    data.xfrc_applied[model.body("fruit:b").id, :3] = force
-    out = []
-    for _ in range(round(seconds / STEP)):
-        mujoco.mj_step(model, data)
-        out.append(place.copy())
-    return np.array(out)
+def on_a_stem(length, up=UP, radius=BALL, physical=None, **stem):
+    """A ball on a stem of a length from root to fruit [m], as a model and its data."""
+    whole, default = Stem.along(np.zeros(3), up, length + radius), SimulationParameters()
+    own = physical or {"mass": BALL_MASS}
+    ball = SceneObject("b", "pushable", Sphere(radius), np.zeros(3), stem=whole, physical=own)
+    return loaded(ball, replace(default, stem=replace(default.stem, **stem)))
 
 
 def let_go(length, aside, seconds, **stem):
     """Displacement of a ball [m] that is let go at ``aside`` [m], with its stem straight."""
-    model, data = plumb(length, **stem)
+    model, data = on_a_stem(length, **stem)
     turn = aside / (length + BALL)
     way = np.array([np.cos(0.5 * turn), 0.0, -np.sin(0.5 * turn), 0.0])
     root, free = (int(model.joint(name).qposadr[0]) for name in ("bend:b:0", "free:b"))
@@ -231,11 +207,11 @@ def test_a_stem_stretches_by_its_own_modulus_and_swings_as_before():
     default = SimulationParameters().stem
     for length, share in ((0.15, 1.0), (0.25, 1.0), (0.15, 0.3)):
         wanted = share * 5.0 * length / (default.youngs_modulus * np.pi / 4 * default.diameter**2)
-        model, data = plumb(length, stretch=share)
+        model, data = on_a_stem(length, stretch=share)
         assert np.abs(tracked(model, data, 1.0)).max() < 1e-5  # it hangs where the scene shows it
         pulled = -tracked(model, data, 1.0, (0.0, 0.0, -5.0))[-1, 2]
         assert pulled == pytest.approx(wanted, rel=0.03)
-        model, data = plumb(length)  # as ever: the weld alone yields
+        model, data = on_a_stem(length)  # as ever: the weld alone yields
         assert -tracked(model, data, 1.0, (0.0, 0.0, -5.0))[-1, 2] < 1e-4
     (times, far), (later, near) = (turning(let_go(0.15, 0.03, 6.0, stretch=s)) for s in (0.0, 1.0))
     np.testing.assert_allclose(later[:10], times[:10], rtol=0.01)

@@ -219,6 +219,8 @@ def test_segments_are_as_far_apart_as_scipy_says(seed: int, flat: bool, size: fl
         a[2] = b[2] = c[2] = d[2] = 0.0
     assert between(a, b, c, d) == pytest.approx(independent(a, b, c, d), abs=1e-8 * size)
     assert between(a, a, c, d) == pytest.approx(independent(a, a + 1e-300, c, d), abs=1e-8 * size)
+    assert between(c, d, a, a) == pytest.approx(between(a, a, c, d))
+    assert between(a, a, c, c) == pytest.approx(np.linalg.norm(c - a))
 
 
 @given(seed=st.integers(0, 10**6), pieces=st.integers(1, 4))

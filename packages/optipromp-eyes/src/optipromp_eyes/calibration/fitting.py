@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.linalg import polar
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
@@ -188,7 +189,8 @@ def linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose, flo
         np.kron(b.rotation, g.rotation) for b, g in zip(seen, moved, strict=True)
     )  # vec(R_X) = (R_B x R_G) vec(R_Z) in each view
     left, _, right = np.linalg.svd(np.asarray(sums))
-    x, z = (_turn(each.reshape(3, 3).T) for each in (left[:, 0], right[0]))
+    multiples = (each.reshape(3, 3).T for each in (left[:, 0], right[0]))  # of turns, either sign
+    x, z = (polar(each * np.sign(np.linalg.det(each)))[0] for each in multiples)
     rows = [np.hstack([np.eye(3), -g.rotation]) for g in moved]
     shift = [g.position - x @ b.position for b, g in zip(seen, moved, strict=True)]
     places = np.linalg.lstsq(np.vstack(rows), np.concatenate(shift), rcond=None)[0]
@@ -196,12 +198,6 @@ def linear(moved: Sequence[Pose], seen: Sequence[Pose]) -> tuple[Pose, Pose, flo
     hands = np.concatenate([g.position for g in moved])
     scale = np.linalg.lstsq(np.hstack([np.vstack(rows), arms]), hands, rcond=None)[0][6]
     return Pose(places[:3], x), Pose(places[3:], z), float(scale)
-
-
-def _turn(matrix: FloatArray) -> FloatArray:
-    """The rotation nearest to a multiple, of either sign, of a matrix (3, 3)."""
-    left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
-    return np.asarray(left @ right)
 
 
 def _refined(

@@ -157,7 +157,6 @@ class Guard:
     Args:
         scene: with robot, tool, static objects and fruits. What it does not have is not guarded.
         robot: with its tool; None: the scene's.
-        tracker: of fruits; None: one is made when the first look comes.
         parameters: see :class:`GuardParameters`.
         takes_over: whether the closed loop takes the arm, and picks the scene's target, where the
             guard has held the policy up for ``parameters.stood``, or would brake before harm to
@@ -170,7 +169,6 @@ class Guard:
         scene: Scene,
         robot: Robot | None = None,
         *,
-        tracker: Tracker | None = None,
         parameters: GuardParameters | None = None,
         takes_over: bool = False,
     ) -> None:
@@ -179,7 +177,7 @@ class Guard:
             raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         self.parameters = GuardParameters() if parameters is None else parameters
         self._base = Solids(tracked_at_most(scene, TrackerParameters.most))
-        self._tracker = tracker
+        self._tracker: Tracker | None = None  # made when the first look comes
         self._takeover = Takeover(self.parameters.period) if takes_over else None
         self._curve: Trajectory | None = None
         self._trail = np.zeros((0, 6))  # tool points and axes on the way here, oldest first

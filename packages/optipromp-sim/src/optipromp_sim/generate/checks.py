@@ -12,6 +12,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Sphere
+from optipromp.core.judging.speed import between
 from optipromp.core.planning.collision import free
 from optipromp.core.planning.cutting import aimed_at_stem
 from optipromp.core.planning.task import resolve
@@ -43,7 +44,7 @@ def interpenetration(scene: Scene) -> str | None:
     cores = [_core(item) for item in hanging]
     for i, (core, radius) in enumerate(cores):
         for other_core, other_radius in cores[i + 1 :]:
-            if segments(core, other_core) < radius + other_radius:
+            if between(*core, *other_core) < radius + other_radius:
                 return "fruit in fruit"
     if not hanging:
         return None
@@ -73,11 +74,11 @@ def interpenetration(scene: Scene) -> str | None:
             if i == j:
                 continue
             core, radius = cores[j]
-            if segments(one.stem.points, core) < radius + one.stem.radius:
+            if between(*one.stem.points, *core) < radius + one.stem.radius:
                 return "stem in fruit"
             if j > i and other.stem is not None and not _shared(one, other):
-                between = segments(one.stem.points, other.stem.points)
-                if between < one.stem.radius + other.stem.radius:
+                gap = between(*one.stem.points, *other.stem.points)
+                if gap < one.stem.radius + other.stem.radius:
                     return "stem in stem"
     for i, one in enumerate(scene.avoid):
         for other in scene.avoid[i + 1 :]:
@@ -109,28 +110,6 @@ def _samples(points: FloatArray) -> FloatArray:
     length = float(np.linalg.norm(points[1] - points[0]))
     share = np.linspace(0.0, 1.0, max(2, int(np.ceil(length / SAMPLE)) + 1))
     return np.asarray(points[0] + share[:, None] * (points[1] - points[0]))
-
-
-def segments(one: FloatArray, other: FloatArray) -> float:
-    """Distance between two segments (2, 3) [m] (Ericson, Real-Time Collision Detection, 5.1.9).
-
-    The ends of either may be one point.
-    """
-    d1, d2, r = one[1] - one[0], other[1] - other[0], one[0] - other[0]
-    a, e, f = float(d1 @ d1), float(d2 @ d2), float(d2 @ r)
-    b, c = float(d1 @ d2), float(d1 @ r)
-
-    def share(part: float, whole: float) -> float:
-        return min(1.0, max(0.0, part / whole)) if whole > 0.0 else 0.0
-
-    denominator = a * e - b * b
-    s = share(b * f - c * e, denominator) if denominator > 1e-15 else 0.0
-    t = (b * s + f) / e if e > 0.0 else -1.0  # of a point: as before the begin of a line
-    if t < 0.0:
-        t, s = 0.0, share(-c, a)
-    elif t > 1.0:
-        t, s = 1.0, share(b - c, a)
-    return float(np.linalg.norm(r + s * d1 - t * d2))
 
 
 def unsolvable(scene: Scene) -> str | None:

@@ -7,7 +7,7 @@ For an arm that no place serves for all scenes, the base is placed before each s
 places at which the tool stands upright at the target: configurations sampled at random, whose tool
 axis inverse kinematics turns to the approach. From each, the arm follows the way of the scene: down
 to the camera point and the start, and aside of both ends by the radius of the cup. Where no
-candidate fits, those nearest to a fit can be varied. Fruits keep their sizes; the working distances
+candidate fits, the generator draws another scene. Fruits keep their sizes; the working distances
 (neck of the cup, camera point, start) shrink with the arm's reach.
 """
 
@@ -81,8 +81,6 @@ EACH = 4  # postures a cell, chosen: on different branches
 BELOW = 0.03  # [m] chosen, for such an arm: of the start below the camera point
 LEAST_DROP = 0.02  # [m] chosen: of a scene without a pushable below the target
 ALONG = 0.02  # [m] chosen: between configurations along the way
-ROUNDS, PARENTS, CHILDREN = 6, 30, 10  # of a search where nothing fits, chosen
-VARIED = 0.05  # [1] chosen: deviation of a varied joint, as a share of its range
 LENGTHENED = 3  # times that a neck is made longer, chosen
 
 
@@ -130,14 +128,10 @@ def reach_of(arm: Robot) -> float:
 
 
 def _sampled(robot: Robot, count: int) -> FloatArray:
-    size = (count, robot.n_joints)
-    return np.asarray(np.random.default_rng(0).uniform(*_ranges(robot), size))
-
-
-def _ranges(robot: Robot) -> tuple[FloatArray, FloatArray]:
-    """The ends (n,) of the joints' ranges [rad or m]; half a turn each way without limits."""
+    """Configurations (count, n) in the joints' ranges; half a turn each way without limits."""
     bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
-    return np.where(bounded, robot.lower, -np.pi), np.where(bounded, robot.upper, np.pi)
+    ends = np.where(bounded, robot.lower, -np.pi), np.where(bounded, robot.upper, np.pi)
+    return np.asarray(np.random.default_rng(0).uniform(*ends, (count, robot.n_joints)))
 
 
 def _farthest(arm: Robot, axis: FloatArray) -> float:
@@ -186,29 +180,23 @@ def work_of(scene: Scene, arm: Robot) -> Work:
     return Work(np.concatenate(pieces), ends[2], drop, camera, scale)
 
 
-def fitted(
-    scene: Scene, arm: Robot, named: str, choice: Choice, turned: bool = True, rounds: int = 0,
-    neck: float = 0.0,
-) -> Scene:  # fmt: skip
+def fitted(scene: Scene, arm: Robot, named: str, choice: Choice) -> Scene:
     """The ``scene`` of the Panda before another arm, whose base is placed for this scene.
 
-    ``scene``: of a preset. ``arm``: without a tool. ``turned``: whether the tool is turned to the
-    last joint's axis (:func:`mount_of`); False: the flange's z is the tool's axis. ``rounds``: in
-    which places that almost fit are varied where none fits, such as :data:`ROUNDS`, which takes
-    some seconds. The generator draws another scene instead. ``neck``: least length of the cup's
-    neck [m]; it is longer where links would reach fruits.
+    The tool is turned by :func:`mount_of`; its neck is longer where links would reach fruits.
+
+    ``scene``: of a preset. ``arm``: without a tool.
     """
     assert scene.tool is not None
-    work = work_of(scene, arm)
-    mount = mount_of(arm) if turned else None
+    work, mount = work_of(scene, arm), mount_of(arm)
     own = {**scene.tool.parameters, **({} if mount is None else {"mount": mount})}
     axis = arm.flange_rotation @ make_tool(scene.tool.kind, own).rotation[:, 2]
-    neck = max(neck, work.scale * bunches.NECK, _farthest(arm, axis))
+    neck = max(work.scale * bunches.NECK, _farthest(arm, axis))
     lengthened = 0
     while True:
         neck = round(float(np.ceil(neck / NECKS - 1e-9)) * NECKS, 3)
         parameters = {**own, "length": neck}
-        found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work, rounds)
+        found = _best(scene, with_tool(arm, make_tool(scene.tool.kind, parameters)), work)
         if not isinstance(found, Unfit):
             break
         if found.requirement != NECK or lengthened == LENGTHENED:
@@ -224,45 +212,27 @@ def fitted(
     )  # fmt: skip
 
 
-def _best(scene: Scene, robot: Robot, work: Work, rounds: int) -> tuple[Pose, FloatArray] | Unfit:
-    """The best pose of the preset's base, and the configuration (n,) at the start there.
-
-    Where no candidate fits, those nearest to a fit are varied at random for some ``rounds``; a neck
-    that is too short is left to :func:`fitted`.
-    """
+def _best(scene: Scene, robot: Robot, work: Work) -> tuple[Pose, FloatArray] | Unfit:
+    """The best pose of the preset's base, and the configuration (n,) at the start there; what the
+    candidate nearest to a fit fails, where none fits."""
     up, low = scene.frame[2], max(work.drop, LEAST_DROP)
     upright = _upright(robot, up, work.scale * CELLS, low)
     if isinstance(upright, Unfit):
         return upright
-    points, begins = upright
-    best, fit = -np.inf, None
-    failed: list[tuple[Unfit, FloatArray]] = []  # why, and the configuration (n,) at the target
+    best, fit, failed = -np.inf, None, list[Unfit]()
     axes = np.tile(up, (len(work.way), 1))
-    rng, wide = np.random.default_rng(0), VARIED * np.subtract(*_ranges(robot)[::-1])
     lower, upper = robot.limits(Optimised.limit_margin)  # as plans keep
     inner = replace(robot, lower=lower, upper=upper)
-    for turn in range(1 + rounds):
-        if turn:
-            begins = np.repeat([near for _, near in failed[:PARENTS]], CHILDREN, axis=0)
-            begins = begins + wide * rng.standard_normal(begins.shape)
-            points = robot.tool_pose(begins)[0]
-            begins, errors = ik.each(robot, points, np.tile(up, (len(begins), 1)), begins)
-            points, begins = points[errors < MISS], begins[errors < MISS]
-        for point, begin in zip(points, begins, strict=True):
-            shift = point - work.way[0]
-            near = np.clip(begin, inner.lower, inner.upper)
-            q, errors = ik.track(inner, work.way + shift, axes, near)
-            why = _failure(scene, robot, work, shift, q, errors)
-            if why is not None:
-                failed.append((why, begin))
-            elif (score := float(spare(robot, q, low).min())) > best:
-                best, fit = score, (Pose(shift), q[work.start])
-        if fit is not None:
-            return fit
-        failed.sort(key=lambda each: (-each[0].order, each[0].lack))
-        if failed[0][0].requirement == NECK:
-            break
-    return failed[0][0]
+    for point, begin in zip(*upright, strict=True):
+        shift = point - work.way[0]
+        near = np.clip(begin, inner.lower, inner.upper)
+        q, errors = ik.track(inner, work.way + shift, axes, near)
+        why = _failure(scene, robot, work, shift, q, errors)
+        if why is not None:
+            failed.append(why)
+        elif (score := float(spare(robot, q, low).min())) > best:
+            best, fit = score, (Pose(shift), q[work.start])
+    return fit or min(failed, key=lambda each: (-each.order, each.lack))
 
 
 def _failure(

@@ -487,13 +487,8 @@ def _corner(loop: Loop, camera: Shot, times: FloatArray, view: View, model: Any)
 
     def hidden(corner: tuple[int, int]) -> float:
         """Pixels by which points are inside of the inset widened by a third, in sum."""
-        grow = side / 3.0
-        top, left = corner
-        inside = np.minimum(
-            0.5 * side + grow - np.abs(v - top - 0.5 * side),
-            0.5 * side + grow - np.abs(u - left - 0.5 * side),
-        )
-        return float(np.maximum(inside, 0.0).sum())
+        off = np.abs(np.stack([v, u], axis=-1) - corner - 0.5 * side).max(axis=-1)
+        return float(np.maximum(5.0 / 6.0 * side - off, 0.0).sum())
 
     return min(corners, key=hidden)
 

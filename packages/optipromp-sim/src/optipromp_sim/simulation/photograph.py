@@ -115,8 +115,7 @@ class Photograph:
 
 def photograph(
     scene: Scene, mount: str = "beside", seed: int = 0,
-    parameters: PhotoParameters | None = None, stereo: StereoParameters | None = None,
-    looks: Looks = "plain",
+    parameters: PhotoParameters | None = None, looks: Looks = "plain",
 ) -> Photograph:  # fmt: skip
     """Take a picture of a scene, its arm at the start.
 
@@ -127,7 +126,6 @@ def photograph(
         mount: of the camera: ``beside``, ``palm`` or ``hand``, as for closed loops.
         seed: of light, colours, background, depth errors and a standing camera's place.
         parameters: of the camera and the looks.
-        stereo: of the errors of depth.
         looks: ``rich`` has leaves, bowed stems, painted surfaces, shadows and a lens.
 
     Raises:
@@ -163,8 +161,7 @@ def photograph(
     rgb = _exposed(rgb, p, rng)
     fruits = _fruits(world)
     masks, marked = _masks(model, seen, fruits, camera)
-    measured = sensed(depth, p.focal, stereo or StereoParameters(), rng)
-    picture = DepthPicture(rgb, measured, camera)
+    picture = DepthPicture(rgb, sensed(depth, p.focal, StereoParameters(), rng), camera)
     return Photograph(picture, depth, masks, marked, world.scene, fruits)
 
 
@@ -176,7 +173,6 @@ class LiveCamera(Studio):
         mount: of the camera: ``beside``, ``palm`` or ``hand``, as for closed loops.
         seed: of light, colours and background, which last, and of each picture's errors of depth.
         parameters: of the camera and the looks; a standing camera has no ``jitter``.
-        stereo: of the errors of depth.
 
     Raises:
         InvalidRequestError: an unknown mount, or MuJoCo cannot draw.
@@ -184,11 +180,11 @@ class LiveCamera(Studio):
 
     def __init__(
         self, simulation: Simulation, mount: str = "beside", seed: int = 0,
-        parameters: PhotoParameters | None = None, stereo: StereoParameters | None = None,
+        parameters: PhotoParameters | None = None,
     ) -> None:  # fmt: skip
         p = self._parameters = parameters or PhotoParameters()
         self._simulation, self._on_tool = simulation, mount != "beside"
-        self._stereo, self._rng = stereo or StereoParameters(), np.random.default_rng([seed, 35])
+        self._rng = np.random.default_rng([seed, 35])
         self._pose = _mounted(mount, simulation.scene, simulation.robot)
         super().__init__(simulation.world, lens=p.lens, props=True)
         painted(self.model, p, self._rng)
@@ -208,7 +204,7 @@ class LiveCamera(Studio):
         self.stand(self._simulation.data.qpos)
         rgb, depth = _taken(self, camera)
         rgb = _exposed(rgb, p, self._rng)
-        return DepthPicture(rgb, sensed(depth, p.focal, self._stereo, self._rng), camera)
+        return DepthPicture(rgb, sensed(depth, p.focal, StereoParameters(), self._rng), camera)
 
 
 def _mounted(mount: str, scene: Scene, robot: Robot) -> Pose:

@@ -249,7 +249,7 @@ def between(a, b, c, d):
     area = uu * vv - uv * uv
     if area > 1e-12 * uu * vv:
         s = min(max((uv * vw - uw * vv) / area, 0.0), 1.0)
-    t = (uv * s + vw) / vv
+    t = (uv * s + vw) / vv if vv > 0.0 else -1.0  # of a point: as before the begin of a line
     if not 0.0 <= t <= 1.0:
         t = min(max(t, 0.0), 1.0)
         s = min(max((uv * t - uw) / uu, 0.0), 1.0) if uu > 0.0 else 0.0
