@@ -1,6 +1,7 @@
 """Where and with what a run was made."""
 
 import datetime
+import os
 import platform
 import subprocess
 from importlib import metadata
