@@ -113,10 +113,11 @@ def policy_of(name: str, episode: Episode, seed: int) -> Policy | None:
     """An entry's actions in an episode; None: it gives no motion."""
     if name == "random":
         return at_random(episode, seed)
-    entry = resolve_name(ENTRIES[name].spec if name in ENTRIES else name)()
+    entry: Any = resolve_name(ENTRIES[name].spec if name in ENTRIES else name)()
     if hasattr(entry, "act"):
         entry.reset(episode.scene, seed)
-        return entry.act
+        act: Policy = entry.act
+        return act
     try:
         made = entry.plan(episode.scene, seed)
     except OptiPrompError:
@@ -177,11 +178,11 @@ def table(rows: Sequence[Mapping[str, Any]]) -> Table:
     heads = [f"{who}: {end} % (95 %)" for who in ("alone", "guarded") for end in RESULTS]
     columns = ["entry", "preset", "engine", "n", *heads, "acted", "a step: median, 95 %"]
     lines = []
-    for key in sorted(groups):
-        cells = [*key[2:], str(len(groups[key][True]))]
-        for own in (groups[key][False], groups[key][True]):
+    for group in sorted(groups):
+        cells: list[str] = [*group[2:], str(len(groups[group][True]))]
+        for own in (groups[group][False], groups[group][True]):
             cells += [share(sum(row["result"] == end for row in own), len(own)) for end in RESULTS]
-        lines.append([*cells, *steps_of([row for row in groups[key][True] if row.get("steps")])])
+        lines.append([*cells, *steps_of([row for row in groups[group][True] if row.get("steps")])])
     wander = {row["entry"] for row in rows} == {"random"}
     conditions = ",".join(dict.fromkeys(row["condition"] for row in rows))
     return Table("Random motions" if wander else f"Condition `{conditions}`", columns, lines)

@@ -88,14 +88,13 @@ def state_of(seen: Observation, scene: Scene) -> dict[str, FloatArray]:
     return {"arm": arm, "objects": objects_of((*seen.fruits, *scene.static), scene, origin)}
 
 
-def space_of(ends: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> spaces.Dict:
-    """The space of observations by name, between their lowest and highest numbers."""
-    return spaces.Dict(
-        {k: spaces.Box(*(np.array(e, dtype=np.float32) for e in pair)) for k, pair in ends.items()}
-    )
+def box_of(ends: tuple[FloatArray, FloatArray]) -> spaces.Box:
+    """What is between lowest and highest numbers."""
+    low, high = ends
+    return spaces.Box(low.astype(np.float32), high.astype(np.float32))
 
 
-def arm_ends(robot: Robot) -> tuple[Sequence[float], Sequence[float]]:
+def arm_ends(robot: Robot) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest ``arm`` of :func:`state_of`."""
     rest = np.array([*3 * [FAR], *3 * [1.0], *3 * [FORCE], LONGEST, LONGEST])
     low = np.concatenate([robot.lower, -robot.velocity, -rest[:-2], np.zeros(2)])
@@ -277,7 +276,7 @@ class PickEnv(_Scenes):
         ends = {"arm": arm_ends(robot), "objects": OBJECTS_ENDS}
         if observation == "look":
             ends = {"agent_pos": (robot.lower, robot.upper), **LOOK_ENDS}
-        seen = dict(space_of(ends))
+        seen: dict[str, spaces.Space[Any]] = {name: box_of(pair) for name, pair in ends.items()}
         if observation == "picture":
             width, height = size
             seen["rgb"] = spaces.Box(0, 255, (height, width, 3), np.uint8)
@@ -285,7 +284,7 @@ class PickEnv(_Scenes):
         self.observation_space = spaces.Dict(seen)
         self.action_space = spaces.Box(-1.0, 1.0, (3 if action == "tool" else robot.n_joints,))
         if action == "positions":
-            self.action_space = spaces.Box(*(e.astype(np.float32) for e in ends["agent_pos"]))
+            self.action_space = box_of((robot.lower, robot.upper))
         self.episode: Episode | None = None
         self.guard: Guard | None = None
         """Through which actions pass, see :class:`Guarded`."""
@@ -458,7 +457,7 @@ class PickProMPEnv(_Scenes):
         if render_mode is not None and not simulated:
             raise InvalidRequestError("render_mode: what is not simulated cannot be shown")
         self.simulated = simulated
-        self.observation_space = space_of({"objects": OBJECTS_ENDS})
+        self.observation_space = spaces.Dict({"objects": box_of(OBJECTS_ENDS)})
         self.action_space = spaces.Box(-1.0, 1.0, (2 * COUNT,))
         self.situation: Situation | None = None
         self.made: Plan | None = None

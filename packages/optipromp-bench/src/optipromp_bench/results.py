@@ -48,7 +48,6 @@ from optipromp_bench.episode import ENGINES, Engine
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.rows import (
     BENCH,
-    LOCK,
     SIGNED,
     Key,
     Row,
@@ -186,9 +185,9 @@ def run_bench(
     Returns: All rows, in the order of the set.
     """
     check_folder(folder / MOTIONS)
-    (folder / MOTIONS).mkdir(parents=True, exist_ok=True)
     with ExitStack() as stack:
-        stack.enter_context(locked(folder / LOCK))
+        stack.enter_context(locked(folder))
+        (folder / MOTIONS).mkdir(exist_ok=True)
         _check_run(run, folder / RUN)
         stack.enter_context(taken(run, folder))
         stack.enter_context(staffed(run.entry, run, workers, patience))

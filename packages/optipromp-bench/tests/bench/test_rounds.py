@@ -378,7 +378,7 @@ def test_a_submission_is_not_unpacked_to_be_read(
 
 def test_one_run_writes_into_a_folder(tmp_path: Path) -> None:
     run = BenchRun.of(entry(entries.Still), "plan", SceneSet("w", ("limp",), 1))
-    with locked(tmp_path / ".lock"), pytest.raises(InvalidRequestError, match="writes into"):
+    with locked(tmp_path), pytest.raises(InvalidRequestError, match="writes into"):
         run_bench(run, tmp_path, workers=1)
     assert not (tmp_path / "rows.csv").exists()
 

@@ -340,7 +340,7 @@ def group_lives(group: int) -> bool:
 
 def test_two_studies_cannot_write_into_one_folder(tmp_path: Path) -> None:
     wanted = Study(("cluster",), ("straight",), (0, 1))
-    with locked(tmp_path / ".lock"), pytest.raises(InvalidRequestError, match="study writes into"):
+    with locked(tmp_path), pytest.raises(InvalidRequestError, match="study writes into"):
         run_study(wanted, tmp_path, workers=1)
     assert len(run_study(wanted, tmp_path, workers=1)) == 1
 

@@ -90,11 +90,12 @@ def look_at(
         straight.append(stem is not None and not stem.gap)
         if stem is None and len(traces) > 1:
             stem = stem_of(fit, *traces[1], upward, p, per, HIDDEN[:1])
+        begun = None if stem is None or stem.gap else stem  # nothing hides where it begins
         unsure = any((region.pixels[each.box] & each.part).any() for each, _ in doubted)
         if abs(math.log(fit.radius / p.radius)) > USUAL * p.radius_spread:
-            named = _hangs(fit, stem, traces[0][0], p)
+            named = _hangs(fit, begun, traces[0][0], p)
         else:
-            named = (stem is not None and not stem.gap) or region.kind == "ripe" or unsure
+            named = begun is not None or region.kind == "ripe" or unsure
             named = named or is_green(picture, region, p)
         if not named:
             continue  # a round front of unknown kind, among the solids

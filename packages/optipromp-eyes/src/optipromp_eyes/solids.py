@@ -157,7 +157,9 @@ def _explained(
             off = flat - each.item.stem.points[0]
             way = each.item.stem.vector / each.item.stem.length
             along = np.clip(off @ way, 0.0, CUT * each.item.stem.length)
-            mine |= lengths(off - along[:, None] * way) < more + BOW * along
+            on = lengths(off - along[:, None] * way) < more + BOW * along
+            gap = 0.0 if each.stem is None else each.stem.gap  # where something hides the stem
+            mine |= on & ((gap == 0.0) | (along > max(fit.radius, fit.half) + gap))
     out[here] |= mine
     return out
 

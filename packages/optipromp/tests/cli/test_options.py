@@ -13,9 +13,9 @@ from optipromp.cli.command import Report, command, entries
 from optipromp.cli.main import app as optipromp
 from optipromp.cli.robot import ArmOptions
 
-OTHERS = {  # of every command, then of git, Ray, ROS and rosbags
+OTHERS = {  # of every command, then of git, Ray, ROS, rosbags and inspect-robots
     "--help", "--no-", "--abbrev", "--always", "--dirty", "--exclude", "--head", "--address",
-    "--ros-args", "--src", "--dst",
+    "--ros-args", "--src", "--dst", "--task", "--embodiment",
 }  # fmt: skip
 
 

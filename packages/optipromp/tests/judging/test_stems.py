@@ -1,4 +1,4 @@
-"""No link of the arm may run into a stem; the last link and the tool may."""
+"""No link of the arm may run into a stem or a target that hangs; the last link and the tool may."""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -28,7 +28,7 @@ def to_line(points: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 
 def deep(robot: Robot, scene: Scene, q: np.ndarray) -> dict[str, float]:
-    """How deep the links but the last are in each stem over configurations (M, n) [m]."""
+    """How deep the links but the last are in stems and target over configurations (M, n) [m]."""
     own = ~np.asarray(robot.spheres.distal)
     centers = np.array([robot.sphere_centers(row)[own] for row in q])
     radius = np.asarray(robot.spheres.radius)[own]
@@ -38,6 +38,9 @@ def deep(robot: Robot, scene: Scene, q: np.ndarray) -> dict[str, float]:
             gaps = to_line(centers, item.stem.points) - radius - item.stem.radius
             if gaps.min() < 0.0:
                 out[f"the stem of {item.id}"] = -float(gaps.min())
+        if item.role == "target":
+            gaps = np.linalg.norm(centers - item.position, axis=-1) - radius - item.radius
+            out |= {item.id: -float(gaps.min())} if gaps.min() < 0.0 else {}
     return out
 
 
@@ -54,7 +57,8 @@ def test_a_link_in_a_stem_is_a_contact_as_deep_as_the_line_is_in_its_spheres(pan
         q = rng.uniform(panda.lower, panda.upper, (4, panda.n_joints))
         scene = to(None, *fruits)
         _, contacts = judging.clearances(scene, panda, q)
-        found = {c.other: c.depth for c in contacts if c.other.startswith("the stem")}
+        told = (c for c in contacts if c.other.startswith("the stem") or c.role == "target")
+        found = {c.other: c.depth for c in told}
         expected = deep(panda, scene, q)
         assert found.keys() == expected.keys()
         np.testing.assert_allclose([found[key] for key in expected], list(expected.values()))

@@ -15,6 +15,7 @@ from optipromp.core.pushing.stems.cup import (
     flange_of,
     fruit_gap,
     inside_cup,
+    taken,
 )
 from optipromp.core.robots import Cup, FingerGripper, FrankaHand, load_robot, with_tool
 
@@ -163,4 +164,14 @@ def test_what_is_held_is_asked_of_the_body(begin, end, round_mouth) -> None:
     ends = tool.front - tool.reach, tool.depth + 0.003  # the model asks for 3 mm
     mouth = HAND if not round_mouth else Mouth(*tool.mouth, *ends, 0.0, 0.0)
     mouth = mouth._replace(rim=ends[1])
-    assert inside_cup(*begin, *end, apart, AT, mouth) == held
+    assert taken(*begin, *end, apart, AT, mouth) == held
+
+
+def test_a_ball_that_reaches_between_the_fingers_counts_and_the_target_must_be_inside() -> None:
+    top = 0.0, 0.0, 0.3
+    for place, near in (((0.02, 0.02, 0.0), True), ((0.03, 0.02, 0.0), False)):
+        assert bool(inside_cup(*place, *top, 0.015, 0.0, AT, HAND)) is near
+        assert not taken(*place, *top, 0.0, AT, HAND)
+    before = 0.0, 0.02, FINGERS.depth + 0.002
+    assert inside_cup(*before, *top, 0.015, 0.0, AT, HAND)
+    assert not taken(*before, *top, 0.0, AT, HAND)

@@ -12,9 +12,8 @@ from pkgutil import resolve_name
 from typing import Any, Protocol
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import check_folder
 from optipromp_bench.experiments.cluster import Progress, gathered
-from optipromp_bench.experiments.rows import LOCK, Row, locked, source_version
+from optipromp_bench.experiments.rows import Row, locked, source_version
 from optipromp_bench.experiments.statistics import Table
 
 Ask = Mapping[str, Any]
@@ -48,11 +47,9 @@ def run_kind(
     study: Kind, folder: Path, workers: int | None = None, progress: Progress | None = None
 ) -> list[Mapping[str, Any]]:
     """The rows of a study; those that its folder holds, of this version, are not made again."""
-    check_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
     asks, file = study.asks(), folder / "rows.jsonl"
     keys = [json.dumps([source_version(), ask]) for ask in asks]
-    with locked(folder / LOCK):
+    with locked(folder):
         content = file.read_bytes() if file.exists() else b""
         whole = content[: content.rfind(b"\n") + 1]  # a line that was cut short is dropped
         held = dict(map(json.loads, whole.splitlines()))

@@ -21,14 +21,13 @@ from typing import Any, Literal, get_args, get_type_hints
 from pydantic import BaseModel, create_model
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp.core.files import LARGEST_ARRAYS, is_there, read_bytes
+from optipromp.core.files import LARGEST_ARRAYS, check_folder, is_there, read_bytes
 from optipromp.core.output import ROWS
 
 NO_PLAN = "no_plan"
 """Cause of a trial that was not executed because there was no plan to execute."""
 ERROR = "error"
 """Cause of a trial that raised an error; its message is the error's."""
-LOCK = ".lock"
 PACKAGES = (
     "optipromp", "optipromp_bench", "optipromp_eyes", "optipromp_loop", "optipromp_paper",
     "optipromp_sim",
@@ -217,10 +216,12 @@ class RowFile:
 
 
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
-    """Keep other processes out of a folder, where the system can lock files."""
+def locked(folder: Path) -> Iterator[None]:
+    """Keep other processes out of a folder, where the system can lock files; make it if need be."""
+    check_folder(folder)
+    folder.mkdir(parents=True, exist_ok=True)
     try:
-        with path.open("ab") as file:
+        with (folder / ".lock").open("ab") as file:
             if find_spec("fcntl") is not None:
                 import fcntl
 
@@ -228,7 +229,7 @@ def locked(path: Path) -> Iterator[None]:
             yield
     except BlockingIOError:
         raise InvalidRequestError(
-            f"another study writes into {path.parent}: wait for its end, or choose another folder"
+            f"another study writes into {folder}: wait for its end, or choose another folder"
         ) from None
 
 

@@ -19,7 +19,7 @@ from optipromp.core.output import ROWS
 from optipromp.core.robots.library import NOTHING
 from optipromp_bench.experiments.cluster import Progress, gathered
 from optipromp_bench.experiments.forest import Share, Shares, forest
-from optipromp_bench.experiments.rows import LOCK, Key, Row, RowFile, locked, source_version
+from optipromp_bench.experiments.rows import Key, Row, RowFile, locked, source_version
 from optipromp_bench.experiments.statistics import PlanCell, calibration, loop_summary, summary
 from optipromp_bench.experiments.trials import FOLDER, digests, run_trials, warm_up
 from optipromp_bench.experiments.trials import Study as Study
@@ -49,9 +49,7 @@ def run_study(
         raise InvalidRequestError(f"workers is {workers}; it must be at least 1")
     if find_spec("mujoco") is None:
         raise InvalidRequestError(f"a study needs MuJoCo: {installed_by('optipromp-sim')}")
-    check_folder(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with locked(folder / LOCK):
+    with locked(folder):
         file = row_file(study, folder)
         done = {row.key for row in file.rows}
         keys = study.keys()

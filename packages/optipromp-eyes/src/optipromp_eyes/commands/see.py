@@ -325,9 +325,9 @@ def _of_bag(
     check_folder(target := out or bag.with_name(f"{bag.stem}-seen"))
     given = {"topics": chosen, "every": every, "camera": model, "prefix": prefix}
     found = part("bag_pictures")(bag, scene, **given)
-    for k, (picture, at) in enumerate(found):
+    for k, one in enumerate(found):
         name = f"{bag.stem}-{k:03d}"
-        yield _Asked(f"{name}, {at:.2f} s", (), known, target / f"{name}.yaml", picture)
+        yield _Asked(f"{name}, {one.time:.2f} s", (), known, target / f"{name}.yaml", one.picture)
 
 
 def _load(asked: _Asked, known: "Scene") -> "DepthPicture":

@@ -445,7 +445,8 @@ def test_a_pick_between_processes(node: Any, start: Any, tmp_path: Path, killed:
     told = CliRunner().invoke(app, [*call, "--marks", str(tmp_path / "marks.json"), *CAMERA[:4]])
     assert told.exit_code == 0, told.output
     (pick,) = json.loads(told.stdout)["picks"]
-    assert (pick["theirs"]["status"], pick["harmful"]) == ("success", False), pick
+    assert (pick["why"], pick["harmful"]) == ("", False)
+    assert pick["theirs"]["probability"] < 0.1
 
 
 def test_without_a_camera_nothing_is_commanded(node: Any, start: Any) -> None:

@@ -331,7 +331,8 @@ def captioned(picture: Image8, run: Run, index: int, said: str = "") -> Image8:
 def _force_words(run: Run, index: int) -> str:
     """The largest force so far on any object but the target, and that object, in words."""
     rollout = run.rollout
-    told = zip(rollout.fruit_ids, rollout.fruit_force[: index + 1].max(axis=0), strict=True)
+    forces = rollout.fruit_force[: index + 1].max(axis=0).tolist()
+    told: Iterable[tuple[str, float]] = zip(rollout.fruit_ids, forces, strict=True)
     if rollout.times[index] >= rollout.motion:  # the outcome's, which every report tells
         told = run.outcome.peak_force.items()
     peaks = [(force, name) for name, force in told if name != run.outcome.target]

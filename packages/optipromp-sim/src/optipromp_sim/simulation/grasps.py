@@ -12,7 +12,6 @@ from optipromp.core.robots.mounted import unmounted
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp_sim.simulation.engine import Layer, engine
-from optipromp_sim.simulation.records import Rollout
 from optipromp_sim.simulation.world import GRIP, Fruit, World
 
 LIP = 0.003  # [m] chosen: height of the contacts of a lip below its plane, and beyond its radius
@@ -33,20 +32,22 @@ def scissor_of(world: World) -> Scissor | None:
     return tool if isinstance(tool, Scissor) else None
 
 
-def on_lip(world: World, rollout: Rollout, fruit: Fruit) -> BoolArray:
-    """Whether a fruit touches the lip of a suction cup (R,), within its radius and angle."""
+def on_lip(
+    world: World, contacts: FloatArray, tool_point: FloatArray, tool_axis: FloatArray, fruit: Fruit
+) -> BoolArray:
+    """Whether a fruit touches the lip of a suction cup (R,), within its radius and angle.
+
+    ``contacts`` (C, 9), ``tool_point`` and ``tool_axis`` (R, 3) as of a :class:`Rollout`.
+    """
     cup, tool = suction_of(world), world.robot.tool
     assert cup is not None
     assert tool is not None
-    touched = np.zeros(len(rollout.times), dtype=np.bool_)
-    rows, first, second = (rollout.contacts[:, k].astype(np.int64) for k in range(3))
+    touched = np.zeros(len(tool_point), dtype=np.bool_)
+    rows, first, second = (contacts[:, k].astype(np.int64) for k in range(3))
     mine = np.array([entity.kind == "tool" for entity in world.entities])
     on = (mine[first] & (second == fruit.entity)) | (mine[second] & (first == fruit.entity))
-    rows, points, forces = rows[on], rollout.contacts[on, 3:6], rollout.contacts[on, 6:9]
-    if not len(rows):
-        return touched
-    axis = rollout.tool_axis[rows]
-    away = points - rollout.tool_point[rows]
+    rows, points, forces = rows[on], contacts[on, 3:6], contacts[on, 6:9]
+    axis, away = tool_axis[rows], points - tool_point[rows]
     height = np.einsum("ci,ci->c", away, axis)
     aside = np.linalg.norm(away - height[:, None] * axis, axis=1)
     strength = np.linalg.norm(forces, axis=1)

@@ -309,7 +309,8 @@ def held(world: World, rollout: Rollout, index: int) -> BoolArray:
     if rollout.cut is not None:
         return np.zeros(len(rollout.times), dtype=np.bool_)
     if suction_of(world) is not None:
-        return on_lip(world, rollout, world.shown[index])
+        r = rollout
+        return on_lip(world, r.contacts, r.tool_point, r.tool_axis, world.shown[index])
     return in_tool(world, rollout.q, rollout.states, world.shown[index])
 
 

@@ -17,7 +17,14 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_sim.simulation.contacts import HarmSoFar, harm_so_far, in_tool, pressing
 from optipromp_sim.simulation.engine import engine
-from optipromp_sim.simulation.grasps import between_blades, carried_by, grip, scissor_of
+from optipromp_sim.simulation.grasps import (
+    between_blades,
+    carried_by,
+    grip,
+    on_lip,
+    scissor_of,
+    suction_of,
+)
 from optipromp_sim.simulation.outcome import Outcome, judge
 from optipromp_sim.simulation.parameters import SimulationParameters
 from optipromp_sim.simulation.records import Rollout
@@ -276,6 +283,13 @@ class Simulation:
                 return self._run.cut.stems if self._grips() else ()
             within = carried_by(world, between_blades(world, self._run.data)[0]).tolist()
             return tuple(each.id for each, own in zip(world.fruits, within, strict=True) if own)
+        if suction_of(world) is not None:
+            _, *found = pressing(self._run.data, world)
+            touching = np.column_stack([np.zeros(len(found[0])), *found])
+            poses = self.robot.tool_pose(q)
+            return tuple(
+                each.id for each in world.shown if on_lip(world, touching, *poses, each).item()
+            )
         return tuple(each.id for each in world.shown if in_tool(world, q, now, each).item())
 
     def wrench(self) -> FloatArray:

@@ -14,6 +14,7 @@ import functools
 import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -167,10 +168,14 @@ def _fixed(item: SceneObject) -> tuple[SceneObject, ...]:
     """A static object in the place of a fruit or a thing, and one for each piece of its stem."""
     if item.role == "static":
         return (item,)
-    pieces = [(item.id, item.shape, item.position, item.orientation)]
-    for k, (shape, middle, turn) in enumerate(() if item.stem is None else item.stem.pieces()):
-        pieces.append((f"{item.id}:stem:{k}", shape, middle, to_quaternion(turn)))
-    return tuple(SceneObject(id_, "static", *one, padding=0.0) for id_, *one in pieces)
+    stem = enumerate(() if item.stem is None else item.stem.pieces())
+    pieces = ((f"{item.id}:stem:{k}", one, at, to_quaternion(turn)) for k, (one, at, turn) in stem)
+    return tuple(
+        SceneObject(name, "static", shape, at, turn, padding=0.0)
+        for name, shape, at, turn in chain(
+            [(item.id, item.shape, item.position, item.orientation)], pieces
+        )
+    )
 
 
 def stands(scene: Scene) -> bool:

@@ -338,7 +338,8 @@ class Scene(Shown, Framed):
     @property
     def world(self) -> Scene:
         """The first of the scenes that differ from this one in their approach alone."""
-        return vars(self).get("_world", self)
+        first: Scene = vars(self).get("_world", self)
+        return first
 
     def approached(self, approach: Approach) -> Scene:
         """The scene with another approach. Nothing that the objects alone decide is worked out
