@@ -9,9 +9,9 @@ from tests.robots.builders import INNER
 
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Box
-from optipromp.core.planning.cutting import aimed_at_stem, hung, steady
+from optipromp.core.planning.cutting import hung, steady
 from optipromp.core.planning.parameters import CUTTING
-from optipromp.core.planning.task import resolve
+from optipromp.core.planning.task import aimed_at_stem, resolve
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import Cup, Mounted, Scissor, Solid
 from optipromp.core.robots.mounted import Load

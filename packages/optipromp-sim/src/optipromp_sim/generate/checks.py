@@ -14,8 +14,7 @@ from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Capsule, Cone, Ellipsoid, Sphere
 from optipromp.core.judging.speed import between
 from optipromp.core.planning.collision import free
-from optipromp.core.planning.cutting import aimed_at_stem
-from optipromp.core.planning.task import resolve
+from optipromp.core.planning.task import aimed_at_stem, resolve
 from optipromp.core.robots import ik
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.ik import level, rolled, rolls

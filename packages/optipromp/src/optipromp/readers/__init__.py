@@ -1,4 +1,5 @@
-"""Robot readers: robots from URDF, SRDF, xacro, MJCF and robot files.
+"""Readers of files that other programs wrote: robots, and demonstrations.
 
-The core finds them by the entry points ``optipromp.robot_readers``, and imports none of them.
+Robots are read from URDF, SRDF, xacro, MJCF and robot files. The core finds the readers by the
+entry points ``optipromp.robot_readers`` and ``optipromp.demonstration_readers``, and imports none.
 """

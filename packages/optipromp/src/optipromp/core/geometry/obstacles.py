@@ -177,27 +177,18 @@ def packed_shapes(
     reach: float = 0.0, within: float = 0.0,
 ) -> Obstacles:  # fmt: skip
     """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
-    made = simple(measured, position, rotation)
-    own = [shapes[k] for k in np.flatnonzero(made.kind == GRID).tolist()]
-    if own:
-        shaped = list({id(shape): shape for shape in own}.values())
-        place = {id(shape): k for k, shape in enumerate(shaped)}
-        grid = np.array(made.grid)
-        grid[made.kind == GRID] = [place[id(shape)] for shape in own]
-        made = Obstacles(*made[:5], read_only(grid), *_pack_grids(shaped), made.cells)
-    if reach > 0.0:
-        made = made._replace(cells=make_cells(position, made.bound, reach, within))
-    return made
-
-
-def simple(measured: Measures, position: FloatArray, rotation: FloatArray) -> Obstacles:
-    """Posed shapes with kernels of their own: there are no grids and no cells."""
     kind, size, bound = measured
     _check_poses(position, rotation)
-    grid = np.full(len(kind), -1, dtype=np.int64)
+    grid, grids = np.full(len(kind), -1, dtype=np.int64), _NO_GRIDS
+    if own := [shapes[k] for k in np.flatnonzero(kind == GRID).tolist()]:
+        shaped = list({id(shape): shape for shape in own}.values())
+        place = {id(shape): k for k, shape in enumerate(shaped)}
+        grid[kind == GRID] = [place[id(shape)] for shape in own]
+        grids = _pack_grids(shaped)
     for array in (kind, position, rotation, size, bound, grid):
         array.setflags(write=False)
-    return Obstacles(kind, position, rotation, size, bound, grid, *_NO_GRIDS, NO_CELLS)
+    cells = make_cells(position, bound, reach, within) if reach > 0.0 else NO_CELLS
+    return Obstacles(kind, position, rotation, size, bound, grid, *grids, cells)
 
 
 def measures(shapes: Sequence[Shape]) -> Measures:

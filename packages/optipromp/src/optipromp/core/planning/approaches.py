@@ -7,9 +7,8 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.budget import clock
-from optipromp.core.planning.cutting import cuts
 from optipromp.core.planning.parameters import APPROACH
-from optipromp.core.planning.task import Task, approached
+from optipromp.core.planning.task import Task, approached, cuts
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.cup import fits

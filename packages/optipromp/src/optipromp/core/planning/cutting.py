@@ -1,4 +1,4 @@
-r"""Where a scissor cuts, and what hangs from it after the cut.
+r"""What hangs from a scissor after the cut.
 
 The blades end on the target's stem, close, and hold the end of the stem. The fruit hangs below them
 and swings. A tool whose changes of velocity are V in all, :math:`V = \int |dv|`, makes a pendulum
@@ -7,61 +7,21 @@ of length l that was at rest swing by :math:`V / \sqrt{g l}` at most. So the mot
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, lengths
-from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Cone, Shape, Sphere
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.planning.parameters import CUTTING
-from optipromp.core.pushing.path import evenly
 from optipromp.core.pushing.stems.bending import axis_of, hanging_balls
-from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.model import Robot
-from optipromp.core.robots.mounted import unmounted
-from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.goals import HeldUpright, PathConstraints
 from optipromp.core.scenes.held import Attached
 from optipromp.core.scenes.objects import mass_of
 from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
-
-
-def cuts(scene: Scene, tool: Tool | None) -> bool:
-    """Whether the ``tool`` is a scissor, and the target hangs on a stem."""
-    hangs = scene.target is not None and scene.target.stem is not None
-    return hangs and isinstance(unmounted(tool), Scissor)
-
-
-def from_side(scene: Scene) -> bool:
-    """Whether the approach of a scene is nearer to the level than to the vertical."""
-    return abs(float(scene.frame[2] @ scene.up)) < math.sqrt(0.5)
-
-
-def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
-    """The scene whose approach ends on the target's stem, if the ``tool`` is a scissor.
-
-    The place is the lowest one that is ``cut`` from the fruit; of a stem that is nowhere twice as
-    far from the fruit, half of the way to its farthest place. The place does not vary where the
-    scene states no lateral distance; from below, the axis does not where it states no cone: turned
-    about the stem, the blades would meet the fruit. An approach whose ``shift`` is stated stays as
-    it is.
-    """
-    target, blades, approach = scene.target, unmounted(tool), scene.approach
-    if target is None or target.stem is None or not isinstance(blades, Scissor):
-        return scene
-    if approach.shift.any():
-        return scene
-    points = evenly(target.stem.points, int(np.ceil(target.stem.length / CUTTING.along)) + 1)
-    far, _ = distances(pack([(target.shape, target.position, target.rotation)]), points)
-    above = points[int(np.argmax(far >= min(blades.cut, 0.5 * far.max())))]
-    cone = approach.cone if from_side(scene) or approach.cone is not None else 0.0
-    aside = 0.0 if approach.aside is None else approach.aside
-    approach = replace(approach, shift=above - target.position, cone=cone, aside=aside)
-    return scene.approached(approach)
 
 
 def hung(scene: Scene, robot: Robot, q: FloatArray) -> tuple[Attached, PathConstraints]:

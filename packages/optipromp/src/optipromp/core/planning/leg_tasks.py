@@ -20,10 +20,18 @@ import numpy as np
 
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, lengths, rotation
-from optipromp.core.planning.cutting import cuts, from_side, hung
+from optipromp.core.planning.cutting import hung
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Said
-from optipromp.core.planning.task import Task, Underway, laden, resolve, tool_motion
+from optipromp.core.planning.task import (
+    Task,
+    Underway,
+    cuts,
+    from_side,
+    laden,
+    resolve,
+    tool_motion,
+)
 from optipromp.core.planning.timing import among_fruits
 from optipromp.core.planning.verdict import Verdict, judged, led, predicted
 from optipromp.core.pushing.model import Prediction

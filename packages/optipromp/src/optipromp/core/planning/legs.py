@@ -20,7 +20,7 @@ from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import clock
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning.attempt import STILL
-from optipromp.core.planning.cutting import cuts, steady
+from optipromp.core.planning.cutting import steady
 from optipromp.core.planning.leg_tasks import (
     carry_scene,
     distance_of,
@@ -35,7 +35,7 @@ from optipromp.core.planning.options import DEFAULTS, PlanOptions, Timed
 from optipromp.core.planning.parameters import LIFTING
 from optipromp.core.planning.plan import Request, plan
 from optipromp.core.planning.result import CARRY, LIFT, REACH, RETREAT, Plan, Proposal, cheapest
-from optipromp.core.planning.task import robot_of
+from optipromp.core.planning.task import cuts, robot_of
 from optipromp.core.planning.timing import eased, shortest
 from optipromp.core.planning.verdict import whole
 from optipromp.core.planning.warming import one_thread

@@ -1,6 +1,7 @@
 """A task: the scene's robot with its tool, start, goal, obstacles, neighbours and push model."""
 
 import functools
+import math
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -11,10 +12,11 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.errors import InvalidRequestError, StartInvalidError
+from optipromp.core.geometry import distances, pack
 from optipromp.core.optimization.evaluation import BodyPoints, body_points
 from optipromp.core.optimization.problem import Surroundings, surroundings_of
 from optipromp.core.parameters import FRUIT_DENSITY
-from optipromp.core.planning.cutting import aimed_at_stem
+from optipromp.core.planning.parameters import CUTTING
 from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.model import Combined, Continued, PushModel
 from optipromp.core.pushing.packs import standing
@@ -25,9 +27,10 @@ from optipromp.core.pushing.rules import neighbours
 from optipromp.core.pushing.stems import hanging
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging
-from optipromp.core.robots.grippers import PRESS, Suction
+from optipromp.core.robots.grippers import PRESS, Scissor, Suction
 from optipromp.core.robots.model import Robot, letting_touch
 from optipromp.core.robots.mounted import Mounted, loads_of, unmounted
+from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.goals import Goal, JointGoal, PoseGoal, at_goal
 from optipromp.core.scenes.held import Pair, check_names
@@ -357,6 +360,40 @@ def emptied(scene: Scene) -> Scene:
     """The scene without the pushables that stand."""
     kept = (item for item in scene.objects if item.role != "pushable" or item.stem is not None)
     return replace(scene, objects=tuple(kept))
+
+
+def cuts(scene: Scene, tool: Tool | None) -> bool:
+    """Whether the ``tool`` is a scissor, and the target hangs on a stem."""
+    hangs = scene.target is not None and scene.target.stem is not None
+    return hangs and isinstance(unmounted(tool), Scissor)
+
+
+def from_side(scene: Scene) -> bool:
+    """Whether the approach of a scene is nearer to the level than to the vertical."""
+    return abs(float(scene.frame[2] @ scene.up)) < math.sqrt(0.5)
+
+
+def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
+    """The scene whose approach ends on the target's stem, if the ``tool`` is a scissor.
+
+    The place is the lowest one that is ``cut`` from the fruit; of a stem that is nowhere twice as
+    far from the fruit, half of the way to its farthest place. The place does not vary where the
+    scene states no lateral distance; from below, the axis does not where it states no cone: turned
+    about the stem, the blades would meet the fruit. An approach whose ``shift`` is stated stays as
+    it is.
+    """
+    target, blades, approach = scene.target, unmounted(tool), scene.approach
+    if target is None or target.stem is None or not isinstance(blades, Scissor):
+        return scene
+    if approach.shift.any():
+        return scene
+    points = evenly(target.stem.points, int(np.ceil(target.stem.length / CUTTING.along)) + 1)
+    far, _ = distances(pack([(target.shape, target.position, target.rotation)]), points)
+    above = points[int(np.argmax(far >= min(blades.cut, 0.5 * far.max())))]
+    cone = approach.cone if from_side(scene) or approach.cone is not None else 0.0
+    aside = 0.0 if approach.aside is None else approach.aside
+    approach = replace(approach, shift=above - target.position, cone=cone, aside=aside)
+    return scene.approached(approach)
 
 
 DEGREES = 4.0 * np.pi  # [rad] chosen: larger values look like degrees

@@ -18,7 +18,7 @@ import numpy as np
 from optipromp.core import judging
 from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.budget import clock
-from optipromp.core.planning.cutting import cuts, steady
+from optipromp.core.planning.cutting import steady
 from optipromp.core.planning.leg_tasks import (
     carried,
     distance_of,
@@ -30,7 +30,7 @@ from optipromp.core.planning.leg_tasks import (
 from optipromp.core.planning.options import Timed
 from optipromp.core.planning.parameters import BACK
 from optipromp.core.planning.result import REACH, RETREAT, Plan, Proposal
-from optipromp.core.planning.task import spaced
+from optipromp.core.planning.task import cuts, spaced
 from optipromp.core.planning.timing import eased, leaving, shortest
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems.hanging import Leaving

@@ -1,9 +1,10 @@
-"""Demonstrations, and their files: NPZ, CSV and folders of CSV."""
+"""Demonstrations, and their NPZ files; entry points read files of other programs."""
 
 import os
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Annotated, overload
 
@@ -11,22 +12,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.documents import read_document, read_table
-from optipromp.core.errors import InvalidDemonstrationError, OptiPrompError, installed_by
+from optipromp.core.errors import InvalidDemonstrationError, OptiPrompError
 from optipromp.core.files import is_folder, is_there, npz, read_npz, texts, write_atomically
 from optipromp.core.promp import checks
-from optipromp.core.robots.measured import parts_in_time
 from optipromp.core.robots.turns import BEYOND_LIMITS, TURN, WRAP, Turns, unwrapped
 from optipromp.core.values import Array, Validated
 
-_LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
+LARGEST = 4.0 * np.pi  # [rad or m] larger positions look like degrees or millimetres
 _BLUNDER = 1.0  # [rad or m] farther beyond a limit no arm leans, and degrees are
 _STILL, _IDLE = 0.01, 0.25  # of a joint's range: no motion; of the time without motion: too much
 _BACK = 0.5  # of the distance to the others' ends: the other way round a demonstration is near them
 _LARGEST_JOINT = 1e6  # [rad or m] larger positions overflow in learning
-_FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
+FORMS = "Q, time, lengths; or positions (N, T, n) with an optional time (T,) or (N, T)"
 
 
+READERS = "optipromp.demonstration_readers"
+"""Group of entry points, each named by a suffix without its dot, or ``folder``: a function of a
+path and a :data:`Convert` that returns :class:`Demonstrations`."""
 Convert = Callable[[Sequence[str], FloatArray], tuple[list[str], FloatArray]] | None
 
 
@@ -221,16 +223,17 @@ def load_demonstrations(path: str | os.PathLike[str], units: Convert = None) -> 
         InvalidDemonstrationError: the message names the file, and the row or index if any.
     """
     path = Path(path)
-    read = {".npz": _read_npz, ".csv": _read_csv}.get(path.suffix.lower())
-    if is_folder(path):
-        read = _read_lerobot if is_there(path / "meta" / "info.json") else _read_folder
-    elif not is_there(path):
+    kind = "folder" if is_folder(path) else path.suffix.lower()[1:]
+    if not is_there(path):
         raise InvalidDemonstrationError(f"{path} does not exist")
-    if read is None:
-        raise InvalidDemonstrationError(f"{path}: expected .npz, .csv or a folder of .csv files")
-    result = read(path, units)
+    readers = {each.name: each for each in entry_points(group=READERS)}
+    if kind not in ("npz", *readers):
+        lacking = "" if readers else " (only .npz can be read: install optipromp anew)"
+        told = "expected .npz, .csv or a folder of .csv files"
+        raise InvalidDemonstrationError(f"{path}: {told}{lacking}")
+    result = (_read_npz if kind == "npz" else readers[kind].load())(path, units)
     largest = [float(np.abs(item.positions).max()) for item in result]
-    if max(largest) > _LARGEST:
+    if max(largest) > LARGEST:
         warnings.warn(
             f"{path}: demonstration {int(np.argmax(largest))} reaches {max(largest):.4g}; "
             "positions are read as radians or metres (learn --unit states another)",
@@ -273,7 +276,7 @@ def turn_apart(found: Demonstrations, may: BoolArray | bool = True) -> str:
     away = starts - np.sort(starts, axis=0)[len(starts) // 2]
     turns = np.round(away / TURN)
     apart = may & (turns != 0.0) & (np.abs(away - TURN * turns) < WRAP)
-    if not apart.any() or np.abs(starts).max() > _LARGEST:
+    if not apart.any() or np.abs(starts).max() > LARGEST:
         return ""
     i, joint = (int(k) for k in np.argwhere(apart)[0])
     return f"demonstration {i} begins a turn apart from others in {found.joint_names[joint]}"
@@ -298,7 +301,7 @@ def save_demonstrations(demonstrations: Demonstrations, path: str | os.PathLike[
     write_atomically(Path(path), npz(arrays))
 
 
-def _build(
+def built(
     path: Path, parts: Sequence[tuple[str, ArrayLike, ArrayLike]], names: Sequence[str],
     units: Convert,
 ) -> Demonstrations:  # fmt: skip
@@ -357,100 +360,7 @@ def _read_npz(path: Path, units: Convert) -> Demonstrations:
         parts = zip(np.broadcast_to(time, shape), positions, strict=True)
     else:
         raise InvalidDemonstrationError(
-            f"{path} holds {', '.join(sorted(data)) or 'nothing'}; expected {_FORMS}"
+            f"{path} holds {', '.join(sorted(data)) or 'nothing'}; expected {FORMS}"
         )
     labelled = [(f"demonstration {i}", t, p) for i, (t, p) in enumerate(parts)]
-    return _build(path, labelled, names, units)
-
-
-def _read_csv(path: Path, units: Convert) -> Demonstrations:
-    table = read_table(path, InvalidDemonstrationError, "time,<joint>,...")
-    header = table.header
-    rates = {name + kind for name in header for kind in ("_velocity", "_acceleration")}
-    joints = [i for i, name in enumerate(header) if name not in {"time", "demo", *rates}]
-    if header.count("time") != 1 or header.count("demo") > 1 or not joints or "" in header:
-        raise InvalidDemonstrationError(
-            f"{path}, line {table.first}: expected a header time,<joint>,... with an optional "
-            f"column demo, comma-separated; got {','.join(header)!r}"
-        )
-    values = table.numbers([header.index("time"), *joints])
-    demo = header.index("demo") if "demo" in header else None
-    labels = ["" if demo is None else row[demo].strip() for row in table.rows]
-    parts: list[tuple[str, ArrayLike, ArrayLike]] = []
-    for label in dict.fromkeys(labels):
-        block = values[[other == label for other in labels]]
-        name = f"demo {label}" if label else "rows"
-        pieces = parts_in_time(f"{path}: {name}", block[:, 0], block[:, 1:])
-        parts += [(name, *piece) for piece in pieces]
-    return _build(path, parts, [header[i] for i in joints], units)
-
-
-def _read_folder(path: Path, units: Convert) -> Demonstrations:
-    try:
-        files = sorted(file for file in path.iterdir() if file.suffix.lower() == ".csv")
-    except OSError as error:
-        raise InvalidDemonstrationError(f"{path}: cannot be read: {error.strerror}") from None
-    if is_there(path / "data" / "metadata.json"):
-        raise InvalidDemonstrationError(
-            f"{path} is a Minari dataset, whose observations do not tell which of them are joints: "
-            f"write these as NPZ: {_FORMS}, with joint_names"
-        )
-    if not files:
-        raise InvalidDemonstrationError(f"{path} holds no .csv file")
-    items: list[Demonstration] = []
-    names: tuple[str, ...] = ()
-    for file in files:
-        part = _read_csv(file, units)
-        names = names or part.joint_names
-        if part.joint_names != names:
-            raise InvalidDemonstrationError(
-                f"{file}: joints {', '.join(part.joint_names)}; {files[0].name} has "
-                f"{', '.join(names)}"
-            )
-        items.extend(part)
-    return Demonstrations(tuple(items), names)
-
-
-STATE = "observation.state"
-
-
-def _read_lerobot(path: Path, units: Convert) -> Demonstrations:
-    """The episodes of a LeRobot dataset, of versions 2 (a file each) and 3 (files of several)."""
-    try:
-        from pyarrow import ArrowException
-        from pyarrow.parquet import read_table as read_parquet
-    except ImportError:
-        raise InvalidDemonstrationError(
-            f"{path} is a LeRobot dataset: reading it needs pyarrow: "
-            f"{installed_by('optipromp[episodes]')}"
-        ) from None
-    about = read_document(path / "meta" / "info.json", InvalidDemonstrationError, "a mapping")
-    columns = [STATE, "timestamp", "episode_index"]
-    try:
-        stated = about["features"][STATE]["names"]
-        table = read_parquet(path / "data", columns=columns)
-        rows = np.array(table[STATE].to_pylist(), dtype=np.float64)
-        times, episode = (table[name].to_numpy().astype(np.float64) for name in columns[1:])
-    except (ArrowException, OSError, KeyError, TypeError, ValueError) as error:
-        words = " ".join(str(error).split())[:120]
-        raise InvalidDemonstrationError(
-            f"{path}: no LeRobot dataset with {', '.join(columns)} ({words})"
-        ) from None
-    if isinstance(stated, dict):
-        stated = next(iter(stated.values()), None)
-    if rows.ndim != 2 or (stated is not None and len(stated) != rows.shape[1]):
-        raise InvalidDemonstrationError(f"{path}: {STATE} has other columns than its names")
-    names = [str(name).removesuffix(".pos") for name in stated or ()]
-    gone = [k for k, name in enumerate(names) if "gripper" in name.lower()]
-    if gone:
-        listed = ", ".join(names[k] for k in gone)
-        warnings.warn(f"{path}: {listed}: left out, as no joint of an arm", stacklevel=3)
-    rows, order = np.delete(rows, gone, axis=1), np.unique(episode)
-    parts = [(f"episode {e:.0f}", times[episode == e], rows[episode == e]) for e in order]
-    if units is None:
-        told = f"{path}: states no unit, and LeRobot's arms record degrees or -100 to 100: 'learn "
-        told += "--unit radians', 'degrees', or 'range' with --calibration FILE states it"
-        if np.abs(rows).max(initial=0.0) > _LARGEST:
-            raise InvalidDemonstrationError(told)
-        warnings.warn(f"{told}; read as radians", checks.UnitsWarning, stacklevel=3)
-    return _build(path, parts, [name for k, name in enumerate(names) if k not in gone], units)
+    return built(path, labelled, names, units)

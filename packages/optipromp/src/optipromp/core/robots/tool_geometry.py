@@ -8,9 +8,7 @@ from typing import Literal
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.geometry.distances import distances
-from optipromp.core.geometry.obstacles import measures, simple
-from optipromp.core.geometry.shapes import BOX, GRID, Shape, box_axes
+from optipromp.core.geometry.shapes import BOX, CYLINDER, GRID, Shape, box_axes
 
 MAX_SPHERES = 40  # per box or cylinder, chosen
 _SLACK = 1.0 + 1e-9  # factor of the radii, against rounding of points on the surface
@@ -196,14 +194,17 @@ def _cover(solid: Solid, excess: float) -> FloatArray:
 
 
 def _beyond(shape: Shape, points: FloatArray) -> FloatArray:
-    """Lower bound (k,) of the distance of points (k, 3) from a convex shape, in its frame [m]."""
-    if shape.measure.kind != GRID:
-        here = simple(measures([shape]), np.zeros((1, 3)), np.eye(3)[None])
-        return distances(here, points)[0][:, 0]
+    """Lower bound (k,) of the distance of points (k, 3) from a convex shape, in its frame [m].
+
+    By planes that are parallel to the faces of its mesh. The extents of a cylinder are those of its
+    mesh, with 24 points around: by a share of 1 - cos(π / 24) too small.
+    """
     from scipy.spatial import ConvexHull
 
-    faces = ConvexHull(shape.mesh().vertices).equations
-    return np.asarray((points @ faces[:, :3].T + faces[:, 3]).max(axis=1))
+    normals = np.unique(ConvexHull(shape.mesh().vertices).equations[:, :3], axis=0)
+    measure, inside = shape.measure, 1.0 - math.cos(math.pi / 24.0)
+    slack = inside * measure.half[0] if measure.kind == CYLINDER else 0.0
+    return np.asarray((points @ normals.T - shape.support(normals)).max(axis=1) - slack)
 
 
 def swept_polygons(corners: FloatArray) -> list[FloatArray]:
