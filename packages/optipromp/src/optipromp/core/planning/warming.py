@@ -1,5 +1,6 @@
 """Compilation of the kernels, before the first plan."""
 
+import contextlib
 import functools
 import math
 import os
@@ -75,22 +76,24 @@ def compile_kernels(progress: Callable[[str], object] = str) -> None:
     """
     scene = load_scene(WARM_UP)
     bare = tuple(replace(o, stem=None) for o in scene.objects if o.role != "pushable")
-    other = None
-    if cores() > 1 and CACHED and sys.executable:
-        code = f"from {__name__} import compile_push_model as run; run()"
-        other = subprocess.Popen(
+    code = f"from {__name__} import compile_push_model as run; run()"
+    both = cores() > 1 and CACHED and sys.executable
+    with (
+        subprocess.Popen(
             [sys.executable, "-c", code], stdin=subprocess.PIPE, stderr=subprocess.DEVNULL
         )
-    try:
-        progress("compiling the kernels of arm and obstacles")
-        _attempt(replace(scene, objects=bare))
-        if other is not None:
-            progress("compiling the kernels of the push")
-            other.wait()
-    finally:
-        if other is not None:
-            other.kill()  # where the wait was interrupted
-            other.wait()
+        if both
+        else contextlib.nullcontext()
+    ) as other:
+        try:
+            progress("compiling the kernels of arm and obstacles")
+            _attempt(replace(scene, objects=bare))
+            if other is not None:
+                progress("compiling the kernels of the push")
+                other.wait()
+        finally:
+            if other is not None:
+                other.kill()  # where the wait was interrupted
     progress("compiling the last kernels")
     warm_up()  # the kernels that are still missing
 
