@@ -89,7 +89,7 @@ class Told(NamedTuple):
 def failing(probability: float, unseen: float) -> float:
     """Probability that a motion is not clean, of which a model tells a ``probability``, and which
     comes into a volume that is ``unseen`` [m³]: things in it are a Poisson process."""
-    return 1.0 - (1.0 - probability) * math.exp(-PUSH.harm.unseen * unseen)
+    return probability - (1.0 - probability) * math.expm1(-PUSH.harm.unseen * unseen)
 
 
 @dataclass(frozen=True, eq=False)
