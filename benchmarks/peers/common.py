@@ -44,21 +44,16 @@ def goal_configurations(setup: Task, seed: int) -> FloatArray:
 
 
 def timed(setup: Task, path: FloatArray) -> Trajectory:
-    """A geometric path (m, n) as a trajectory: least-jerk along it, as fast as the limits allow."""
+    """A geometric path (m, n) as a trajectory: least-jerk along it, as fast as the limits allow.
+
+    From where the tool comes near the first hanging fruit, it keeps the speed of our own plans.
+    """
     lengths = np.linalg.norm(np.diff(path, axis=0), axis=1)
     along = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-12))])
     count = max(20, int(np.ceil(1.9 * along[-1] / STEP)))
     tau = np.linspace(0.0, 1.0, count + 1)
     share = along[-1] * tau**3 * (10.0 - 15.0 * tau + 6.0 * tau**2)
     q = np.stack([np.interp(share, along, column) for column in path.T], axis=1)
-    return at_limits(setup, q)
-
-
-def at_limits(setup: Task, q: FloatArray) -> Trajectory:
-    """Waypoints (T, n) as the shortest trajectory that the limits allow.
-
-    From where the tool comes near the first hanging fruit, it keeps the speed of our own plans.
-    """
     near = slowly(setup, q, None)
     if not (isinstance(near, np.ndarray) and near.any()):
         return shortest(setup.robot, q)

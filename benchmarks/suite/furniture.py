@@ -27,9 +27,8 @@ from optipromp.core.planning import plan, warm_up
 
 FIRST, COUNT = 80_000, 100  # seed of the first scene, scenes of a family
 BESIDE = 25  # scenes of a family that the peers get too
-PEERS: dict[
-    str, tuple[Callable[[], Planner], str, str]
-] = {  # a planner, what it is, and what its time means
+# a planner, what it is, and what its time means
+PEERS: dict[str, tuple[Callable[[], Planner], str, str]] = {
     "OMPL": (
         lambda: ompl.rrt_connect(False),
         "on our checker, simplified",

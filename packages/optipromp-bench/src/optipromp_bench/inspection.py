@@ -25,7 +25,7 @@ from inspect_robots.policy import PolicyBase, PolicyConfig, PolicyInfo
 from inspect_robots.rollout import TrialRecord
 from inspect_robots.scene import Scene as Trial
 from inspect_robots.scene import Target
-from inspect_robots.scorer import Score
+from inspect_robots.scorer import Score, Scorer
 from inspect_robots.spaces import ActionSemantics, Box, ObservationSpace, StateField, StateSpec
 from inspect_robots.task import Task
 from inspect_robots.types import Action, ActionChunk, StepResult
@@ -146,7 +146,8 @@ class Loop(PolicyBase):
             scene_from_dict(dict(observation.extra["scene"])), given, seed=self.seed, steps=STEPS
         )
         self.pilot, state, now = pilot, observation.state, observation.state_time
-        look = look_in(state["camera"], state["fruits"], pilot.scene, now)
+        camera, fruits = (np.asarray(state[n], dtype=np.float64) for n in ("camera", "fruits"))
+        look = look_in(camera, fruits, pilot.scene, now)
         rows = pilot.chunk(now, np.asarray(state["joint_pos"]), look)
         return ActionChunk([Action(row) for row in rows], RATE)
 
@@ -175,5 +176,5 @@ def picks(*, preset: str = "cluster", count: int = 4, first: int = TRAINING[0]) 
               metadata={"preset": preset, "scene": k})
         for k in range(first, first + count)
     ]  # fmt: skip
-    scorers = ["success_at_end", Outcome()]
+    scorers: list[Scorer | str] = ["success_at_end", Outcome()]
     return Task("optipromp-pick", trials, scorers, max_steps=round(LONGEST * RATE))

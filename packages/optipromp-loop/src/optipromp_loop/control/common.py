@@ -67,15 +67,21 @@ class Common:
             told = "a closed loop follows fruits alone; leave the motion out, or plan without one"
             raise InvalidRequestError(f"{', '.join(moving)} move: {told}")
         self.robot, state = posed(scene, robot)
-        self.scene = scene = plant.tracked_at_most(scene, TrackerParameters.most)
+        self._told = scene = plant.tracked_at_most(scene, TrackerParameters.most)
         self.seed, self.parameters = seed, parameters
         self.camera, self.looks = CameraWatch(self.robot, parameters), Looks()
         self.felt = Felt(scene.up, parameters)
-        first = plant.first_tracks(scene, parameters.known)
-        self.tracker = Tracker(scene, first=first, tool=self._mouth)
         self.driver = Driver(scene, self.robot, state, parameters)
-        self._solids, self._appeared = Solids(scene), False
+        self.know_what_was_told()
         self.tries, self.over, self.picks = parameters.tries, "", list[Picked]()
+
+    def know_what_was_told(self) -> None:
+        """Forget what looks have shown of fruits and of things: it was seen elsewhere."""
+        self.scene = scene = self._told
+        first = plant.first_tracks(scene, self.parameters.known)
+        self.tracker = Tracker(scene, first=first, tool=self._mouth)
+        self._solids, self._appeared = Solids(scene), False
+        self.driver.stands(scene)
 
     def _mouth(self, time: float) -> FloatArray:
         return plant.mouth_balls(self.robot, self.camera.configuration(time), self.looks.eye)

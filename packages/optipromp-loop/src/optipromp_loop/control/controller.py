@@ -246,7 +246,11 @@ class Controller(Common):
 
     def _take(self, look: Look, now: float) -> None:
         """Fold a look in, if it tells anything."""
+        shift = self.camera.shift
         seen = self.camera.checked(look, still=not self.doing.among)
+        if self.camera.shift != shift:  # stamps are corrected from here on
+            self.know_what_was_told()
+            self.doing.held(self, now, "")
         while self.camera.news:
             self._notice(now, self.camera.news.pop(0))
         if seen is None:
