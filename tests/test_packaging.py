@@ -23,6 +23,13 @@ def text(path: str) -> str:
     return (ROOT / path).read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("file", ["constraints.txt", "constraints-real.txt"])
+def test_a_constraint_is_a_name_and_a_version(file: str) -> None:
+    """pip refuses a constraint with extras, and what it is for would be skipped."""
+    lines = (line for line in text(file).splitlines() if not line.startswith("#"))
+    assert [line for line in lines if not re.fullmatch(r"[\w.-]+==[\w.+!-]+", line)] == []
+
+
 def test_the_version_is_one() -> None:
     version = PROJECT["version"]
     assert len(PROJECTS) == 8
