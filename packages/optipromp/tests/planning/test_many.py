@@ -5,11 +5,11 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 import warnings
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -173,14 +173,14 @@ def deadly(number: int) -> int:
 def cut_short(number: int) -> int | bytes:
     """A large result of the number 3, in the middle of which its process ends."""
 
-    def watch() -> None:
-        while sys._current_frames()[threading.main_thread().ident or 0].f_code.co_name != "_send":
-            pass
-        os._exit(1)
+    def ends(self: Connection, part: bytes) -> None:
+        os.write(self.fileno(), part[:4096])
+        if len(part) > 4096:
+            os._exit(1)
 
     if number != 3:
         return number
-    threading.Thread(target=watch, daemon=True).start()
+    Connection._send = ends  # type: ignore[attr-defined]
     return bytes(50_000_000)
 
 
