@@ -115,6 +115,39 @@ def test_a_pepper_that_is_cut_from_the_side_hangs_from_the_blades(opening) -> No
     assert np.linalg.norm(rollout.tool_point[-1] - rollout.tool_point[after][0]) > 0.09
 
 
+def test_a_truss_is_cut_as_a_whole_and_hangs_from_the_blades() -> None:
+    """Nothing comes off, and all fruits stay where the plan has them at the tool."""
+    scene = generate("trusses", 1)
+    picked = plan_pick(scene)
+    assert picked.success, picked.message
+    assert "side of its stem" not in picked.message
+    run = simulate(picked)
+    assert run.success, run.outcome.message
+    assert set(run.outcome.cut.stems) == {item.id for item in scene.taken}
+    rollout, frames = run.rollout, run.robot.segment_frames
+    for held in picked.legs["retreat"].scene.attached:
+        k, own = rollout.fruit_ids.index(held.id), next(o for o in scene.taken if o.id == held.id)
+        assert run.outcome.displacement[held.id] > 0.09
+        for row in np.flatnonzero(rollout.times > run.outcome.cut.time)[::20]:
+            axes = frames(rollout.q[row])[1][-1] @ run.robot.tool_rotation
+            at = (rollout.fruit_positions[row, k] - rollout.tool_point[row]) @ axes
+            assert np.linalg.norm(at - held.position) < held.shape.radius - own.radius + 1e-3
+
+
+def test_a_truss_whose_highest_fruit_stays_on_the_plant_is_not_picked() -> None:
+    """A fruit that nobody saw grows behind the stem, from above the place of the cut."""
+    made = plan(generate("trusses", 0))
+    scene, (target, seen, *_) = made.scene, made.scene.taken
+    line = target.stem.vector / np.linalg.norm(target.stem.vector)
+    root = scene.aim + 0.03 * line  # more than a piece of the stem
+    place = root + 0.045 * scene.frame[2] - 0.02 * scene.up
+    stem = replace(seen.stem, points=np.array([place, root]))
+    hidden = replace(seen, id="hidden", position=place, stem=stem)
+    run = simulate(made, replace(scene, objects=(*scene.objects, hidden)))
+    assert set(run.outcome.cut.stems) == {item.id for item in scene.taken}
+    assert Cause.NOT_PICKED in run.outcome.causes
+
+
 def test_what_the_hanging_fruit_would_meet_on_the_way_out_is_told() -> None:
     """A post that the blades pass over, and the fruit below them does not."""
     scene = generate("vine", 10)

@@ -266,7 +266,8 @@ def judge(
     motion, broken = _motion(robot, trajectory, start)
     instants = trajectory.times.tolist()
     told = "the tool passes {} on the side of its stem"
-    wrong = [(name, instants[at], by) for name, at, by in passed.wrong]
+    own = {item.id for item in scene.taken}  # fruits of a truss go with the target
+    wrong = [(name, instants[at], by) for name, at, by in passed.wrong if name not in own]
     astray = [Violation("stem side", told.format(one[0]), *one, "m") for one in wrong]
     violations = [Violation("contact", str(c), c.link, c.time, c.depth, "m") for c in contacts]
     if not complete:

@@ -39,6 +39,7 @@ from optipromp.core.scenes.objects import (
     SceneObject,
     Stem,
     check_trusses,
+    parents_first,
 )
 from optipromp.core.scenes.pose import Array, Direction, Framed, Padding, Pose, Span
 from optipromp.core.shown import Shown
@@ -77,6 +78,8 @@ class Approach(Framed, label="approach."):
             in the scene of a plan.
         lead: (3,) tool axis at the begin of the path; it turns to ``direction`` on the way. The
             planner's choice in the scene of a plan; None: ``direction``.
+        truss: whether a scissor cuts the target's stem above all stems that grow from it, and takes
+            all of these fruits with the target.
     """
 
     direction: Direction = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -86,6 +89,7 @@ class Approach(Framed, label="approach."):
     aside: Annotated[float | None, Ge(0.0), Unit("m")] = None
     shift: Span = field(default_factory=lambda: np.zeros(3))
     lead: Direction | None = None
+    truss: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -239,6 +243,25 @@ class Scene(Shown, Framed):
     def target(self) -> SceneObject | None:
         """The object to reach; None if the scene has a goal instead."""
         return next(iter(self._by_role["target"]), None)
+
+    @property
+    def taken(self) -> tuple[SceneObject, ...]:
+        """What a pick takes: the target; of a truss, then all fruits that hang on its stem."""
+        target = self._by_role["target"]
+        if not (target and self.approach.truss):
+            return target
+        (first,) = target
+        mine = (o for o in self.objects if self.tops.get(o.id) == first.id and o is not first)
+        return (first, *mine)
+
+    @cached_property
+    def tops(self) -> Mapping[str, str]:
+        """The id of the object whose stem holds each object on a stem, itself or by its truss."""
+        out: dict[str, str] = {}
+        for item in parents_first(self.objects):
+            if item.stem is not None:
+                out[item.id] = out[item.stem.parent] if item.stem.parent else item.id
+        return out
 
     @property
     def goals(self) -> tuple[Goal, ...]:

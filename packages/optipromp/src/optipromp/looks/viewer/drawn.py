@@ -147,13 +147,19 @@ def shown_at(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
 def held(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
     """What was picked, where the tool has it at a ``time`` [s]; nothing before the reach ends."""
     (leg, since), reach = _leg_at(made, time), legs_of(made)["reach"]
-    target, robot = reach.scene.target, leg.robot
-    if leg is reach or target is None:
+    taken, robot = reach.scene.taken, leg.robot
+    if leg is reach or not taken:
         return ()
-    q, fruit = leg.trajectory.at(since).q, leg.scene.attached[-1]
-    axes = robot.segment_frames(q)[1][-1] @ robot.tool_rotation
-    at, turn = robot.tool_pose(q)[0], axes @ from_quaternion(fruit.orientation)
-    return (Placed(target, at + axes @ fruit.position, turn, None, COLOURS["target"]),)
+    q = leg.trajectory.at(since).q
+    axes, at = robot.segment_frames(q)[1][-1] @ robot.tool_rotation, robot.tool_pose(q)[0]
+    fruits = zip(taken, leg.scene.attached[-len(taken) :], strict=True)
+    return tuple(
+        Placed(
+            item, at + axes @ one.position, axes @ from_quaternion(one.orientation), None,
+            COLOURS["target"],
+        )
+        for item, one in fruits
+    )  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
