@@ -134,26 +134,26 @@ def grip(world: World, data: Any, target: Fruit) -> None:
     the end of its stem, about which the fruit turns freely; what was below on the stem is gone. Of
     a truss it holds the stem firmly, with all that grows from it; what was above is gone.
     """
-    model, body, truss = world.model, target.body, world.scene.approach.truss
+    model, body, truss = world.model, target.body, len(world.scene.taken) > 1
     weld, tool = model.equality(GRIP).id, model.body("tool").id
-    turn = data.xmat[tool].reshape(3, 3)
     data.eq_active[weld] = 1
     if scissor_of(world) is not None:
-        joints = target.stem(data)
+        joints, robot = target.stem(data), world.robot.tool
+        assert robot is not None
         pieces = range(target.last + 2 - len(joints), target.last + 1)
         cut = (k for k in between_blades(world, data)[0] if k in pieces)
         first = min(cut, default=pieces.start)
-        gone = (model.geom_bodyid >= first) & (model.geom_bodyid <= target.last)
-        if truss:
-            gone = (model.geom_bodyid >= pieces.start) & (model.geom_bodyid < first)
-            data.eq_active[model.equality(PEDUNCLE).id] = 0
-            model.eq_obj2id[weld] = body = first
+        low, high = (pieces.start, first) if truss else (first, pieces.stop)
+        gone = (model.geom_bodyid >= low) & (model.geom_bodyid < high)
         model.geom_contype[gone] = model.geom_conaffinity[gone] = 0
         model.geom_rgba[gone, 3] = 0.0
-    own, off = data.xmat[body].reshape(3, 3), data.xpos[body] - data.xpos[tool]
+        if truss:
+            data.eq_active[model.equality(PEDUNCLE).id] = 0
+            model.eq_obj2id[weld] = body = first
+    turn, own = data.xmat[tool].reshape(3, 3), data.xmat[body].reshape(3, 3)
+    off = data.xpos[body] - data.xpos[tool]
     if scissor_of(world) is not None and not truss:
-        robot, points = world.robot.tool, _along(joints)
-        assert robot is not None
+        points = _along(joints)
         away = lengths(points - data.xpos[tool] - turn @ robot.point)
         end = points[int(np.argmin(away))] - data.xpos[tool]
         model.eq_data[weld, :6] = [*turn.T @ end, *own.T @ (end - off)]

@@ -441,8 +441,8 @@ class StemWatch:
         }
         gone = np.array([fruit.body in bodies for fruit in self._fruits], dtype=np.bool_)
         off = [self._fruits[i].built.key for i in np.flatnonzero(gone)]
-        if self._world.scene.approach.truss:
-            own = {item.id for item in self._world.scene.taken}
+        own = {item.id for item in self._world.scene.taken}
+        if len(own) > 1:
             mine = np.array([fruit.id in own for fruit in self._fruits], dtype=np.bool_)
             gone &= ~(mine & gone[mine].all())
         if gone.any():

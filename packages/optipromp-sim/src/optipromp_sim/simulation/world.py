@@ -257,7 +257,7 @@ class _Draft:
     def _fruit(self, obj: SceneObject) -> None:
         entity = self._entity("fruit" if obj.stem is not None else "thing", obj.id)
         stem = -1 if obj.stem is None else self._entity("stem", obj.id)
-        if obj.role == "target" and self.scene.approach.truss:
+        if obj.role == "target" and len(self.scene.taken) > 1:
             self.trusses[obj.id] = self._severed(obj)
         built = add_fruit(
             self.spec, obj, self.parameters, entity, stem, self.scene.up,
@@ -273,8 +273,7 @@ class _Draft:
         root = self.spec.worldbody.add_body(name=PEDUNCLE, pos=obj.stem.root, explicitinertial=True)
         root.mass, root.inertia = LIGHT, [LIGHT * STEM_RADIUS**2] * 3
         root.add_freejoint(name=PEDUNCLE)
-        known = self.trusses.get(obj.id, Truss(None, None, 0.0, {}))
-        return replace(known, grows_from=(PEDUNCLE, obj.stem.root))
+        return replace(self.trusses[obj.id], grows_from=(PEDUNCLE, obj.stem.root))
 
     def _solid(self, obj: SceneObject, **surface: Any) -> None:
         """A static object, or a neighbouring cluster that yields as a solid."""
@@ -440,15 +439,15 @@ def add_grip(spec: Any, scene: Scene, robot: Robot) -> None:
 
     Of a scissor it is a ball joint, unless it holds a truss: the root of that is welded until then.
     """
-    mujoco, truss = engine(), scene.approach.truss
-    if robot.tool is None or scene.target is None:
-        return
+    mujoco, truss = engine(), len(scene.taken) > 1
     swings = isinstance(unmounted(robot.tool), Scissor) and not truss
     weld, body = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
     if truss:
         spec.add_equality(
             name=PEDUNCLE, type=weld, objtype=body, name1="world", name2=PEDUNCLE, **FIRM
         ).data = [*[0.0] * 10, 1.0, 0.0]  # about the root itself
+    if robot.tool is None or scene.target is None:
+        return
     spec.add_equality(
         name=GRIP, type=mujoco.mjtEq.mjEQ_CONNECT if swings else weld, active=False, objtype=body,
         name1="tool", name2=f"fruit:{scene.target.id}", **(FIRM if truss else {}),

@@ -391,9 +391,9 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
         cut = isinstance(blades, Scissor) and from_side(scene)
         if not cut or (target.stem is not None and target.stem.parent is not None):
             raise InvalidSceneError(
-                f"approach.truss: a truss is cut across the stem of {target.id}: state tool: {{kind: "
-                "scissor, opening: 0.05}} and a level approach.direction; the target must be the "
-                "fruit at the end of the stem from which the others grow"
+                f"approach.truss: a truss is cut across the stem of {target.id}: state tool: "
+                "{kind: scissor, opening: 0.05} and a level approach.direction; the target must be "
+                "the fruit at the end of the stem from which the others grow"
             )
     if target is None or target.stem is None or not isinstance(blades, Scissor):
         return scene
