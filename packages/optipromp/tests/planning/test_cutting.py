@@ -178,10 +178,13 @@ def test_a_truss_is_cut_above_all_of_its_fruits_and_by_nothing_but_a_scissor_fro
             resolve(wrong)
 
 
-def test_a_steady_motion_sways_a_pendulum_as_little_as_it_says() -> None:
+@pytest.mark.parametrize("waves", [0, 2])
+def test_a_steady_motion_sways_a_pendulum_as_little_as_it_says(waves: int) -> None:
     """The pendulum is integrated, as long as the cut is from the fruit's centre."""
     task = resolve(vine())
-    robot, q = task.robot, task.robot.home + np.linspace(0.0, 0.3, 40)[:, None] * np.eye(7)[0]
+    robot, share = task.robot, np.linspace(0.0, 1.0, 40)
+    turned = 0.3 * share + 0.1 * np.sin(np.pi * share) ** 2 * np.sin(2.0 * np.pi * waves * share)
+    q = robot.home + turned[:, None] * np.eye(7)[0]
     fast = Trajectory.through(q, 0.01, robot.joint_names)
     long = float(np.linalg.norm(task.scene.approach.shift))
     sways = []

@@ -3,8 +3,10 @@ r"""What hangs from a scissor after the cut.
 The blades end on the target's stem, close, and hold the end of the stem. The fruit hangs below them
 and swings. All fruits of a truss do so as one body, which the blades keep from turning about the
 plumb line. A tool whose changes of velocity are V in all, :math:`V = \int |dv|`, makes a pendulum
-of length l that was at rest swing by :math:`V / \sqrt{g l}` at most. So the motion is as slow as
-``CUTTING.sway`` asks, and a fruit counts with all the places that it may swing to.
+of length l that was at rest swing by :math:`V / \sqrt{g l}` at most, and for every l by
+:math:`(\max |a| + \int |da|) / g`: from :math:`l \ddot θ + g θ = -a` follows
+:math:`g θ(t) = -a(t) + \int_0^t \cos(\sqrt{g/l}\,(t - s))\,da(s)`. So the motion is as slow as
+``CUTTING.sway`` asks by either, and a fruit counts with all the places that it may swing to.
 """
 
 import math
@@ -81,7 +83,11 @@ def steady(scene: Scene, robot: Robot, motion: Trajectory) -> Trajectory:
     )
     times = np.append(at, motion.times[-1])
     points, _ = robot.tool_pose(motion.sample(times)[0])
-    speed = np.diff(points, axis=0) / np.diff(times)[:, None]
+    steps = np.diff(times)[:, None]
+    speed = np.diff(points, axis=0) / steps
     changed = float(lengths(np.diff(speed, axis=0, prepend=0.0, append=0.0)).sum())
+    gain = np.diff(speed, axis=0) / (0.5 * (steps[1:] + steps[:-1]))
+    jerked = lengths(gain).max() + lengths(np.diff(gain, axis=0, prepend=0.0, append=0.0)).sum()
     most = CUTTING.sway * math.sqrt(GRAVITY * math.hypot(*_below(scene)))
-    return motion.slowed(max(1.0, changed / most))
+    gentle = math.sqrt(float(jerked) / (GRAVITY * CUTTING.sway))
+    return motion.slowed(max(1.0, min(changed / most, gentle)))
