@@ -445,26 +445,23 @@ class StemWatch:
         if len(own) > 1:
             mine = np.array([fruit.id in own for fruit in self._fruits], dtype=np.bool_)
             gone &= ~(mine & gone[mine].all())
-        if gone.any():
-            self._cut(data, gone)
-            self.torn = {key: time for key, time in self.torn.items() if key not in off}
+        self._cut(data, gone, torn=False)
         return StemCut(tuple(off), tuple(between), float(data.time))
 
     def cut(self, data: Any, fruit: Fruit) -> None:
         """Cut the stem of a fruit on purpose: it does not count as torn."""
         mine = np.array([one.built.key == fruit.built.key for one in self._fruits], dtype=np.bool_)
-        if mine.any():
-            self._cut(data, mine)
-            del self.torn[fruit.built.key]
+        self._cut(data, mine, torn=False)
 
-    def _cut(self, data: Any, gone: BoolArray) -> None:
+    def _cut(self, data: Any, gone: BoolArray, *, torn: bool = True) -> None:
         for i in np.flatnonzero(gone):
             fruit, key = self._fruits[i], self._fruits[i].built.key
             data.eq_active[fruit.weld] = 0
             data.qfrc_applied[fruit.dofs] -= (fruit.built.grown - fruit.built.bare).ravel()
             for carrier, torque in fruit.built.carried_by.items():
                 data.qfrc_applied[self._by_id[carrier].dofs] -= torque.ravel()
-            self.torn[key] = float(data.time)
+            if torn:
+                self.torn[key] = float(data.time)
             self._torn_by[key] = float(self._tension[i])
         held = np.flatnonzero(~gone)
         self._hold([self._fruits[i] for i in held], self._tension[held])

@@ -153,13 +153,8 @@ def held(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
     q = leg.trajectory.at(since).q
     axes, at = robot.segment_frames(q)[1][-1] @ robot.tool_rotation, robot.tool_pose(q)[0]
     fruits = zip(taken, leg.scene.attached[-len(taken) :], strict=True)
-    return tuple(
-        Placed(
-            item, at + axes @ one.position, axes @ from_quaternion(one.orientation), None,
-            COLOURS["target"],
-        )
-        for item, one in fruits
-    )  # fmt: skip
+    poses = ((i, at + axes @ f.position, axes @ from_quaternion(f.orientation)) for i, f in fruits)
+    return tuple(Placed(*pose, None, COLOURS["target"]) for pose in poses)
 
 
 @dataclass(frozen=True, eq=False)
