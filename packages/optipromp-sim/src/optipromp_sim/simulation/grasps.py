@@ -138,8 +138,7 @@ def grip(world: World, data: Any, target: Fruit) -> None:
     weld, tool = model.equality(GRIP).id, model.body("tool").id
     data.eq_active[weld] = 1
     if scissor_of(world) is not None:
-        joints, robot = target.stem(data), world.robot.tool
-        assert robot is not None
+        joints = target.stem(data)
         pieces = range(target.last + 2 - len(joints), target.last + 1)
         cut = (k for k in between_blades(world, data)[0] if k in pieces)
         first = min(cut, default=pieces.start)
@@ -153,7 +152,8 @@ def grip(world: World, data: Any, target: Fruit) -> None:
     turn, own = data.xmat[tool].reshape(3, 3), data.xmat[body].reshape(3, 3)
     off = data.xpos[body] - data.xpos[tool]
     if scissor_of(world) is not None and not truss:
-        points = _along(joints)
+        points, robot = _along(joints), world.robot.tool
+        assert robot is not None
         away = lengths(points - data.xpos[tool] - turn @ robot.point)
         end = points[int(np.argmin(away))] - data.xpos[tool]
         model.eq_data[weld, :6] = [*turn.T @ end, *own.T @ (end - off)]
