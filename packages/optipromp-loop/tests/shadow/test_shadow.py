@@ -111,7 +111,7 @@ def test_pictures_in_files_are_looked_at_where_nothing_was_detected(
     shown = [{"time": time, **files, "camera": place} for time in times]
     seen = shadow(looks=None, pictures=shown, camera=lens)
     assert [pick["harmful"] for pick in seen["picks"]] == [False, True]
-    assert seen["lacks"] == ["detections: what our eyes saw in 2 of its pictures"]  # one a second
+    assert seen["lacks"] == ["detections: by our eyes, in 2 of its pictures"]  # one a second
     robot, state = posed(SCENE)
     on_hand = flange_of(robot, state.q).inverse() @ shot.picture.camera.pose
     held = {key: getattr(on_hand, key).tolist() for key in place} | {"mount": "hand"}

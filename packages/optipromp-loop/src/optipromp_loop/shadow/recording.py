@@ -159,7 +159,7 @@ def recorded(
         cut = f"where {gripper} closes; its first value counts as open"
         stated = [Mark(closed=time) for time in closings(closing)]
     if not looks:
-        told = f"what our eyes saw in {len(seen)} of its pictures" if seen else "no pick is judged"
+        told = f"by our eyes, in {len(seen)} of its pictures" if seen else "no pick is judged"
         lacks.append(f"detections: {told}")
         looks = seen
     if looks and not any(item.stem for look in looks for item in look.detections):
