@@ -2,7 +2,6 @@
 
     python scripts/publish.py                    what is stale, and how long it would take
     python scripts/publish.py --run [NAME ...]   run what is stale, the most important first
-    python scripts/publish.py --keep NAME ...    result files anew, of runs that are done
     python scripts/publish.py --page             write docs/figures.md, its pictures, README's table
     python scripts/publish.py --check            exit 1, and the names, where not all is of here
 
@@ -244,14 +243,11 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     add = parser.add_argument
     add("--run", nargs="*", metavar="NAME", help="run these, or all that is stale")
     add("--minutes", type=float, default=float("inf"), help="of --run: begin nothing after these")
-    add("--keep", nargs="+", metavar="NAME", help="make result files anew, of runs that are done")
     add("--page", action="store_true", help="write what shows the results")
     add("--check", action="store_true", help="exit 1 where the page or a result is not of here")
     asked = parser.parse_args(arguments)
     book, version = book_of(root), source_version()
     code, until = 0, time.monotonic() + 60.0 * asked.minutes
-    for row in chosen(book, asked.keep) if asked.keep else ():
-        keep(root, row, version)
 
     def stale(row: Book) -> str:  # takes minutes where a digest is to be worked out
         return why_stale(row, kept(root, row["name"]), version, partial(digest_of, root, version))
@@ -282,7 +278,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
         found += [f"{row['name']}: {why}" for row in book["result"] if (why := stale(row))]
         print("\n".join(found) or "the page and all results are of this version")
         code = int(bool(found))
-    if asked.run is None and not (asked.keep or asked.page or asked.check):
+    if asked.run is None and not (asked.page or asked.check):
         print(status(book, {row["name"]: stale(row) for row in book["result"]}))
     return code
 

@@ -107,7 +107,7 @@ def pictures(book: Book, results: Results) -> dict[str, str]:
                     panels.setdefault(panel, {}).setdefault(label, {})[series or of] = share
             for label, line in labelled(each, row["draw"]):
                 for head, name in row["draw"].get("ratios", {}).items():
-                    if ratio := re.fullmatch(r"([\d.]+)(?: ×.*)?", line.get(head, "")):
+                    if ratio := re.fullmatch(r"(\d+(?:\.\d+)?)(?: ×.*)?", line.get(head, "")):
                         lines = panels.setdefault(f"{title}: times", {}).setdefault(label, {})
                         lines[name] = float(ratio[1])
         if panels:

@@ -5,10 +5,9 @@
 
 Each folder is one of ``optipromp bench run``. Its motions in the engine ``arm`` become recordings
 as docs/shadow.md has them: joint states at 100 Hz, looks of a detector before each pick, the
-gripper. Picks among the same static objects are one recording. The table has how many of the
-picks that harmed something in simulation are called harmful (found), and how many of those that
-were clean (false alarms), with 95 % intervals. In ``--out`` are the
-recordings, for ``optipromp shadow``.
+gripper. Picks among the same static objects are one recording. The table has how many of the picks
+that harmed something in simulation, were clean, or missed the target are called harmful, with 95 %
+intervals. In ``--out`` are the recordings, for ``optipromp shadow``.
 """
 
 import argparse
@@ -38,10 +37,8 @@ from optipromp_sim.simulation.detector import Truth
 
 RATE = 100.0  # [Hz] of the joint states
 ENDS = "harmed", "clean", "missed"
-COLUMNS = (
-    "entry", "picks judged", "harmed", "clean", "found % (95 %)", "false alarms % (95 %)",
-    "called harmful of those that missed",
-)  # fmt: skip
+HARMFUL = ": called harmful % (95 %)"
+COLUMNS = "entry", "picks judged", *(f"{end}{of}" for end in ENDS for of in ("", HARMFUL))
 STAND, HOME = 0.6, 2.0  # [s] before a pick and at the grasp; of the way back to the start
 
 
@@ -110,18 +107,14 @@ def record(picks: Sequence[Done], file: Path, detector: str) -> None:
     write_atomically(file, json_text(document).encode())
 
 
-def line_of(rows: Sequence[tuple[Done, Shadowed]]) -> list[str]:
-    """How many picks were judged, recall and false alarms, and how many that missed are harmful."""
+def line_of(rows: Sequence[tuple[Done, Shadowed]]) -> list[Any]:
+    """How many picks were judged; of each end how many there are, and are called harmful."""
     known = [(one.result, beside.harmful) for one, beside in rows if not beside.why]
-    alarms = {end: [alarm for result, alarm in known if result == end] for end in ENDS}
-    shares = [share(sum(alarms[end]), len(alarms[end])) for end in ENDS[:2]]
-    missed = f"{sum(alarms['missed'])} of {len(alarms['missed'])}"
-    return [
-        f"{len(known)} of {len(rows)}",
-        *map(str, map(len, list(alarms.values())[:2])),
-        *shares,
-        missed,
-    ]
+    cells: list[Any] = [f"{len(known)} of {len(rows)}"]
+    for end in ENDS:
+        alarms = [alarm for result, alarm in known if result == end]
+        cells += [len(alarms), share(sum(alarms), len(alarms))]
+    return cells
 
 
 def main() -> None:

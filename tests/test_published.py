@@ -22,9 +22,7 @@ def test_the_page_its_pictures_and_the_readme_are_what_the_results_give() -> Non
     assert publish.differences(ROOT, BOOK) == []
     made = publish.made(ROOT, BOOK)
     assert max(map(len, made.values())) < 60_000
-    for row in BOOK["result"]:
-        if not publish.kept(ROOT, row["name"]):
-            continue
+    for row in (row for row in BOOK["result"] if publish.kept(ROOT, row["name"])):
         assert f"\n## {row['title']}\n" in made[PAGE]
         assert f"Version `{publish.kept(ROOT, row['name'])['version']}`" in made[PAGE]
 
