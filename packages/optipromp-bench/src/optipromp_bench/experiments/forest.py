@@ -84,26 +84,21 @@ def panel(title: str, lines: Lines, series: Sequence[str], edge: int, y: float) 
         for j, part in enumerate(parts):
             yield text(edge - 10, middle + LINE * (j - 0.5 * len(parts)) + 10, part, "end")
         for j, name in enumerate(name for name in series if name in each):
-            yield mark(
-                each[name], series.index(name), at, middle + LINE * (j + 0.5 - 0.5 * len(each))
-            )
+            at_y = middle + LINE * (j + 0.5 - 0.5 * len(each))
+            yield mark(each[name], series.index(name), at, at_y)
 
 
 def mark(value: Share | float, k: int, at: Callable[[float], float], y: float) -> str:
     """A share with its interval, or a bar from 1 to a ratio, of the series ``k``."""
     colour, fill = SERIES[k]
-    low, high = (
-        at(end) for end in (value[1:] if isinstance(value, Share) else sorted((1.0, value)))
-    )
     if isinstance(value, Share):
-        line = f'<path d="M{low:.1f} {y:g}H{high:.1f}" stroke="{colour}" stroke-width="1.5"/>'
-        return line + dot(at(value.share), y, k)
+        line = f'<path d="M{at(value.low):.1f} {y:g}H{at(value.high):.1f}" stroke="{colour}"'
+        return f'{line} stroke-width="1.5"/>{dot(at(value.share), y, k)}'
+    low, high = sorted((at(1.0), at(value)))
     box = f'<rect x="{low:.1f}" y="{y - 4:g}" width="{high - low:.1f}" height="8" '
-    below = value < 1.0  # its number stands at the free side of 1
-    side = text(
-        round(at(1.0)) + (4 if below else -4), y + 4, f"{value:g}", "start" if below else "end"
-    )
-    return f'{box}fill="{fill}" stroke="{colour}"/>{side}'
+    aside, anchor = (4, "start") if value < 1.0 else (-4, "end")  # at the free side of 1
+    number = text(round(at(1.0)) + aside, y + 4, f"{value:g}", anchor)
+    return f'{box}fill="{fill}" stroke="{colour}"/>{number}'
 
 
 def wrapped(label: str) -> list[str]:
