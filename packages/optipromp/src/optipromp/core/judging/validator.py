@@ -19,7 +19,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.compiled import called
@@ -320,6 +319,8 @@ def swept_unseen(scene: Scene, robot: Robot, q: FloatArray, points: FloatArray) 
     item = scene.unseen
     if item is None:
         return None
+    from scipy.spatial import cKDTree  # slow to import, seldom needed
+
     assert isinstance(item.shape, PointCloudShape)
     side = 2.0 * item.shape.radius
     gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))

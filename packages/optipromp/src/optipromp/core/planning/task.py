@@ -225,8 +225,8 @@ def posed(
     """
     robot = robot_of(scene, robot)
     dense = FRUIT_DENSITY if scene.crop is None else scene.crop["density"]
-    check_upright(scene.objects, scene.up, dense)
-    if state is None:
+    check_upright(scene.objects_at(np.flatnonzero(scene.hangs)), scene.up, dense)
+    if state is None and scene.may_touch:
         links = robot.link_names
         if scene.place is not None and scene.target is not None:
             links = (*links, scene.target.id)  # which the tool holds after the pick

@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import isotonic_regression
-from scipy.spatial.transform import Rotation
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, rotation
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.task import tool_motion
@@ -110,11 +108,11 @@ def placed(plan: Plan, now: Moment) -> tuple[Placed, ...]:
         colour = COLOURS.get(item.role) or PUSHABLES[pushables % len(PUSHABLES)]
         pushables += item.role == "pushable"
         position, turn = moved.get(item.id, (item.position, 0.0))
-        rotation = Rotation.from_rotvec(-turn * plan.scene.frame[0]).as_matrix() @ item.rotation
+        turned = rotation(plan.scene.frame[0], -turn) @ item.rotation
         stem = None
         if item.stem is not None:
             stem = bent(np.asarray(item.stem.points), position - item.position)
-        out.append(Placed(item, position, rotation, stem, colour))
+        out.append(Placed(item, position, turned, stem, colour))
     return tuple(out)
 
 
@@ -210,6 +208,8 @@ def conditioned_on(plan: Plan) -> tuple[tuple[str, FloatArray, str], ...]:
 
 def spread(wanted: Sequence[float], gap: float) -> FloatArray:
     """Heights (k,) in the order of the ``wanted`` ones, near these and at least ``gap`` apart."""
+    from scipy.optimize import isotonic_regression  # slow to import
+
     order = np.argsort(wanted, kind="stable")
     steps = gap * np.arange(len(order))
     out = np.empty(len(order))
