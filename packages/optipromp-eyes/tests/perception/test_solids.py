@@ -150,14 +150,21 @@ def test_a_ball_smaller_than_any_fruit_of_the_crop_is_no_fruit_to_push(
     assert [item.role for item in look.solids] == ["static"] * (1 - fruits)
 
 
-def test_a_stem_leads_up_from_its_fruit_and_what_is_thin_else_is_hard() -> None:
-    """A green line of 5 mm from a fruit upwards, and one from it downwards."""
+@pytest.mark.parametrize("red", [False, True])
+def test_a_stem_leads_up_from_its_fruit_and_what_is_thin_or_ripe_is_hard(red: bool) -> None:
+    """A green line of 5 mm from a fruit upwards, and one from it downwards; then a red disc on the
+    line upwards, too, in which no fruit fits."""
     picture = balls((160, GREEN))
     for rows in (slice(20, 110), slice(130, 220)):
         picture.rgb[rows, 158:162], picture.depth[rows, 158:162] = GREEN, 0.4
-    look = look_at(picture, up=UP).look
+    if red:
+        disc = np.hypot(*(np.indices(picture.depth.shape) - [[[50]], [[160]]])) < 8.0
+        picture.rgb[disc], picture.depth[disc] = (190, 25, 30), 0.4
+    look = look_at(picture, up=UP, finder=ByGeometry()).look
+    assert len(look.detections) == 1
     assert look.detections[0].stem is not None
-    (wire,) = look.solids
+    assert len(look.solids) == 1 + red
+    wire = max(look.solids, key=lambda item: item.position[1])
     assert wire.role == "static"
     rows = (wire.position + wire.shape.points)[:, 1]
     assert rows.min() > 0.01  # below the fruit's middle, as the y axis points down
