@@ -28,8 +28,6 @@ LONG, FULL = 3.0, 0.85  # length over width of a tape, and share of its box that
 TAPE = "straight, as a tape or tube is"
 SHIFT, LEAD = 6, 2.0  # [pixel] out of register; correlation over that in register: choices
 FARTHEST_SHIFT = 40  # [pixel] that is looked at: a choice
-SURE_EDGE = 6.0  # errors of a depth that a step exceeds which is an edge: a choice
-ALIKE = 0.1  # of the steepest colour, above which edges are alike: a choice
 LEAST_EDGE = 60  # [pixel] of edges of depth that tell a shift: a choice
 TRIED = 6  # fruits whose stems are looked for by other poses, which bounds time: a choice
 OFF_AXIS = 0.2  # of the width and height, from the middle to the optical axis: a choice
@@ -104,12 +102,12 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
     k = max(round(picture.camera.width / 320), 1)
     depth = picture.depth[::k, ::k]
     near = (depth > 0.0) & (depth < p.farthest)
-    least = np.maximum(2.0 * p.step, SURE_EDGE * p.depth_noise * depth**2)
+    least = np.maximum(2.0 * p.step, 6.0 * p.depth_noise * depth**2)  # [m], no error: a choice
     edges = near & (most_about(depth, 3) - depth > least)
     if edges.sum() < LEAST_EDGE:
         return ()
     steep = steepness(picture.rgb[::k, ::k].astype(np.float32))
-    steep = np.minimum(steep, ALIKE * steep.max())
+    steep = np.minimum(steep, 0.1 * steep.max())  # a choice: edges count alike
     far = FARTHEST_SHIFT // k
     wide = np.pad(steep - steep.mean(), far)
     match = opencv().matchTemplate(wide, edges.astype(np.float32), opencv().TM_CCORR)

@@ -117,10 +117,8 @@ class CameraModel:
     @cached_property
     def rays(self) -> FloatArray:
         """(height, width, 3) directions through the pixels, of depth 1."""
-        out = np.ones((self.height, self.width, 3))
-        out[..., 0] = (np.arange(self.width) - self.cx) / self.fx
-        out[..., 1] = (np.arange(self.height)[:, None] - self.cy) / self.fy
-        return read_only(out)
+        columns, rows = np.meshgrid(np.arange(self.width), np.arange(self.height))
+        return read_only(self.through(np.dstack([columns, rows])))
 
     def through(self, pixels: FloatArray | IntArray) -> FloatArray:
         """Directions (..., 3), of depth 1, through columns and rows (..., 2)."""

@@ -179,8 +179,7 @@ def _cells(
         for way in rays[more].T:
             code = (code << BITS) + np.floor(way * far).astype(np.int64) + SHIFT
         codes.append(code[np.diff(code, prepend=-1) != 0])  # pixels beside each other share cells
-    sorted_ = np.sort(np.concatenate(codes))
-    unique = sorted_[np.diff(sorted_, prepend=-1) != 0]
+    unique, _ = np.unique(np.concatenate(codes), return_counts=True)  # sorts: faster than hashes
     cells = (unique[:, None] >> np.arange(2 * BITS, -1, -BITS)) % (1 << BITS) - SHIFT
     ends = np.searchsorted(unique >> 3 * BITS, np.arange(1, marks.max(initial=0) + 2))
     return [np.asarray((cells[a:b] + 0.5) * VOXEL) for a, b in pairwise(ends.tolist())]

@@ -464,9 +464,8 @@ def test_a_scene_with_a_goal_alone_takes_looks(cluster: Scene) -> None:
     assert [item.role for item in guard.scene.objects] == ["pushable"]
 
 
-@pytest.mark.parametrize("role", ["avoid", "static"])
+@pytest.mark.parametrize("role", ["avoid", "static"], ids=["detected", "points"])
 def test_what_a_look_shows_during_a_push_is_not_touched(cluster: Scene, role: Role) -> None:
-    """A detection, and points that nothing explains."""
     (robot, state), (fruit,) = posed(cluster), cluster.pushables
     across, guard = across_a_stem(robot, fruit), Guard(cluster)
     items, wire, place = list(cluster.objects), Sphere(0.03), np.zeros(3)
