@@ -25,13 +25,11 @@ BETWEEN = re.compile(
 )
 HEAD = """# Numbers of the push models
 
-Look up here what a prediction rests on, and how sure each number is. These are the tuned
-numbers of the models, of the method's rules and of the candidate paths. The numbers
-cannot be set: the kernels are compiled with them. *Measured*: on generated scenes, see
+For whoever asks what a prediction rests on, and how sure each number is. The numbers cannot be
+set: the kernels are compiled with them. *Measured*: on generated scenes, see
 [decisions](decisions.md). *Reported*: a size that the harvesting literature gives often.
 *Published*: the method's. *Guess*: ours, of a plausible size. *Choice*: of the model, not of
-nature. `optipromp.core.pushing.parameters.PUSH` holds the numbers. The simulation
-takes from there the numbers that it shares with the models.
+nature. `optipromp.core.pushing.parameters.PUSH` holds the numbers, which the simulation shares.
 
 | number | value | unit | kind | |
 |---|---|---|---|---|

@@ -35,16 +35,15 @@ UNSHOWN = {  # aliases and constants, and kernels that no user calls
 
 @pytest.mark.parametrize(
     "page",
-    ["README.md", "docs/index.md", "docs/add-a-cost-term.md", "docs/add-a-planner.md",
-     "docs/add-a-robot.md", "docs/closed-loop.md", "docs/new-user.md", "docs/real-robot.md",
-     "docs/ros.md", "docs/scene-format.md"],
+    ["README.md", "docs/index.md", "docs/add-a-robot.md", "docs/closed-loop.md", "docs/extend.md",
+     "docs/new-user.md", "docs/real-robot.md", "docs/ros.md", "docs/scene-format.md"],
 )  # fmt: skip
 def test_the_python_of_a_page_runs(page, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), re.DOTALL)
     names: dict[str, object] = {}
     for block in blocks:
-        if "@dataclass" not in block:  # a part of a file of the library
+        if "FloatArray" not in block:  # a part of a file of the library
             exec(compile(block, page, "exec"), names)
     if "result" in names:
         assert names["result"].success  # type: ignore[attr-defined]
@@ -172,17 +171,16 @@ def test_the_page_on_commands_lists_every_command() -> None:
     assert [name for name in names if f"`optipromp {name}" not in page] == []
 
 
-def test_every_page_is_in_the_navigation() -> None:
-    listed = set(re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text("utf-8")))
-    pages = {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
-    assert pages == listed
-
-
-def test_every_picture_of_the_documentation_has_its_command() -> None:
-    for page in (ROOT / "docs").rglob("*.md"):
+def test_a_short_navigation_leads_to_every_page_and_a_picture_has_its_command() -> None:
+    entries = re.findall(r"[\w/-]+\.md", (ROOT / "mkdocs.yml").read_text("utf-8"))
+    assert 10 < len(entries) <= 25
+    ahead = [ROOT / "docs" / page for page in entries]
+    for page in ahead:  # the pages that it links come after it
         text = page.read_text("utf-8")
-        if re.search(r"!\[[^\]]*\]\([^)]+\.(?:png|gif)\)", text):
-            assert re.search(r"`(?:optipromp|python) [^`]+`", text), page
+        links = re.findall(r"\]\(([\w./-]+\.md)", text)
+        ahead += {(page.parent / link).resolve() for link in links} - set(ahead)
+        assert "![" not in text or re.search(r"`(?:optipromp|python) [^`]+`", text), page
+    assert set(ahead) == set((ROOT / "docs").rglob("*.md"))
 
 
 def test_the_gallery_has_a_command_under_each_of_a_dozen_pictures() -> None:

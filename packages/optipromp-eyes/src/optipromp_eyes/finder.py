@@ -30,7 +30,7 @@ class Region:
         part: (h, w) of the box, whether a pixel shows it.
 
     Args:
-        kind, score: see above.
+        kind: see above, as of ``score``.
         pixels: (height, width) whether a pixel shows it; with a ``box``, those of the box.
         box: rows and columns of ``pixels`` in a picture of ``shape``; None: the whole picture.
         shape: height and width of the picture; with a box.

@@ -262,7 +262,7 @@ def retreat_model(reach: Plan) -> Leaving | None:
     if before is None:
         return Leaving(model, *tool_motion(reach.robot, reach.trajectory.positions[reach.first :]))
     points, axes, *_ = led(reach.task, before, reach.trajectory)
-    return Leaving(model, points, axes, reach.harm)
+    return Leaving(model, points, axes, reach.prediction)
 
 
 def full_model(reach: Plan, robot: Robot) -> Hanging | None:

@@ -213,7 +213,7 @@ def plan_many(
     Args:
         scenes: scenes, names of built-in scenes, or scene files.
         options: of every plan; see :class:`PlanOptions`.
-        planner, demonstrations, seed, settings: as for :func:`plan`.
+        planner: as for :func:`plan`, as are ``demonstrations``, ``seed`` and ``settings``.
         workers: processes that plan; None: one per core; 1: this process plans.
         legs: scenes with a target that the tool takes in, or with a ``place``, are planned with
             all legs, as :func:`optipromp.core.planning.legs.plan_pick` does.

@@ -1,7 +1,7 @@
 """Costs of a trajectory: the contract of a cost, and the costs of the library.
 
 Each class stands beside its kernel. There is a file for each family: ``obstacles`` (the body),
-``tool`` (the tool point and its axis), ``joints``. ``docs/add-a-cost-term.md`` shows how to write a
+``tool`` (the tool point and its axis), ``joints``. ``docs/extend.md`` shows how to write a
 cost in NumPy.
 """
 
