@@ -63,8 +63,11 @@ def picked(name: str, preset: Any, seed: int) -> tuple[str, str, Run | None]:
     truth = haunted(known, name)
     if truth is None:
         return "no way", "", None
+    shot = photograph(truth, seed=seed)
+    if not shot.mask(name, "static").any():  # it is beyond the border of the picture
+        return "no way", "", None
     try:
-        sight = look_at(photograph(truth, seed=seed).picture, up=known.up)
+        sight = look_at(shot.picture, up=known.up)
         plan = plan_pick(seen_scene(sight, known)[0], seed=0)
     except InvalidRequestError as error:
         return "not seen", error.message, None
