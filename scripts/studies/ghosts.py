@@ -61,10 +61,8 @@ def picked(name: str, preset: Any, seed: int) -> tuple[str, str, Run | None]:
     """How a pick ends that meets a ghost, one of :data:`ENDS`; why; and its run."""
     known = generate(preset, seed)
     truth = haunted(known, name)
-    if truth is None:
-        return "no way", "", None
-    shot = photograph(truth, seed=seed)
-    if not shot.mask(name, "static").any():  # it is beyond the border of the picture
+    shot = None if truth is None else photograph(truth, seed=seed)
+    if truth is None or shot is None or not shot.mask(name, "static").any():  # beyond the border
         return "no way", "", None
     try:
         sight = look_at(shot.picture, up=known.up)
