@@ -9,11 +9,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from scipy.ndimage import label
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp_eyes.finder import RIGHT, Class, Found, Region
+from optipromp_eyes.finder import RIGHT, Class, Found, Region, numbered
 from optipromp_eyes.geometry import ByGeometry
 from optipromp_eyes.needed import needed
 from optipromp_eyes.network import ByNetwork
@@ -188,7 +187,7 @@ def cut(
     band = max(BAND, 0.5 * max(rows, columns) * middle / picture.camera.fx)  # a radius behind
     band = THIN if thin else band
     near = (part > 0.0) & (np.abs(part - middle) < band)
-    marks, _ = label(near)
+    marks = numbered(near)
     inner = marks[r : rows - r, c : columns - c]
     if inner.any():
         counts = np.bincount(inner.ravel())

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.scenes.pose import Pose
-from optipromp_eyes.finder import Found, Region, most_about
+from optipromp_eyes.finder import Found, Region, morphed, most_about, numbered
 from optipromp_eyes.needed import opencv
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture
@@ -69,7 +69,7 @@ def judged(
         if ripe < p.least_ripe <= region.ripe:
             doubts.append((region, TAPE if tape else light))
         out.append(region.with_ripe(ripe))
-    rest = (region for region in found.regions if region not in found.fruits)
+    rest = (region for region in found.regions if region.kind not in ("ripe", "unripe"))
     return replace(found, regions=(*out, *rest)), doubts
 
 
@@ -87,7 +87,7 @@ def _straight(ripe: BoolArray) -> BoolArray:
     """The pixels of ripe fruits that lie together in a strip of one width, as a tape or tube:
     fruits side by side have necks."""
     out = np.zeros_like(ripe)
-    islands, _ = ndimage.label(ndimage.binary_closing(ripe, np.ones((3, 3))))
+    islands = numbered(morphed(ripe, "CLOSE"))
     for number, box in enumerate(ndimage.find_objects(islands), 1):
         island = islands[box] == number
         sides = opencv().minAreaRect(np.argwhere(island).astype(np.float32))[1]

@@ -9,12 +9,23 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
-from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
+from optipromp_eyes.finder import (
+    Class,
+    Found,
+    Region,
+    box_of,
+    distance_in,
+    ellipse_of,
+    largest,
+    morphed,
+    most_about,
+    numbered,
+    without_holes,
+)
 from optipromp_eyes.needed import opencv
 from optipromp_eyes.parameters import Colour, EyeParameters
 from optipromp_eyes.pictures import DepthPicture, Image8
 
-SQUARE = np.ones((3, 3), dtype=bool)
 MARGIN = 3  # [pixel] about a fruit, in which its holes are filled: a choice
 HOLE = 4  # [pixel] from a depth, within which colours count where none was measured: a choice
 RAGGED = 2  # [pixel] by which edges of depth are ragged: a choice
@@ -65,8 +76,8 @@ class ByGeometry:
             rows, columns = (
                 slice(b.start + c.start, b.stop + c.start) for b, c in zip(part, box, strict=True)
             )
-            roundness = _roundness(pixels)
-            regions.append(Region(kind, pixels, roundness, (rows, columns), picture.depth.shape))
+            score = min(float(pixels.sum()) / ellipse_of(pixels)[2], 1.0)  # of a half about 0.7
+            regions.append(Region(kind, pixels, score, (rows, columns), picture.depth.shape))
         left_out += len(found) - len(regions)
         regions.sort(key=lambda region: -region.score)
         return Found((*regions, Region("stem", stems, 1.0)), left_out)
@@ -81,9 +92,9 @@ class ByGeometry:
         known = np.where(depth > 0.0, -depth, -np.inf)
         least = np.maximum(p.step, 3.0 * p.depth_noise * depth**2)  # [m] that is no error: a choice
         steps = depth + most_about(known, 3) > least  # the nearer side keeps its edge
-        whole = ndimage.binary_closing(mask, SQUARE) & ~steps
+        whole = morphed(mask, "CLOSE") & ~steps
         parts = np.zeros(mask.shape, dtype=np.int64)
-        islands, _ = ndimage.label(whole)
+        islands = numbered(whole)
         areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)[1:]  # [m²]
         boxes = ndimage.find_objects(islands)
         wide = np.flatnonzero(areas > math.pi * p.thin**2)
@@ -95,7 +106,7 @@ class ByGeometry:
             box = boxes[row]
             island, far = islands[box] == row + 1, depth[box]
             front = far[island]
-            gloss = ndimage.binary_fill_holes(island) & plain[box] & (far < front.max() + p.step)
+            gloss = without_holes(island) & plain[box] & (far < front.max() + p.step)
             far = np.where(gloss & (far == 0.0), np.median(front), far)
             fruits, left = _part(island | gloss, far / focal, p)
             parts[box] += np.where(fruits > 0, fruits + count, 0)
@@ -107,7 +118,7 @@ class ByGeometry:
         for row in chosen:
             if boxes[row] is not None:
                 box = tuple(slice(max(b.start - MARGIN, 0), b.stop + MARGIN) for b in boxes[row])
-                pixels = ndimage.binary_fill_holes(parts[box] == row + 1)
+                pixels = without_holes(parts[box] == row + 1)
                 if pixels.sum() >= p.least_pixels:
                     out.append((box, pixels))
         return out, left_out + int(np.sum(np.delete(sizes, chosen) >= p.least_pixels))
@@ -123,18 +134,18 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
     it no pixel is of any ball.
     """
     parts = np.zeros(island.shape, dtype=np.int64)
-    edge = ndimage.distance_transform_edt(np.pad(island, 1))[1:-1, 1:-1]
+    edge = distance_in(np.pad(island, 1))[1:-1, 1:-1]
     core = edge * metres > p.thin
     if not core.any():
         return parts, 0
     wall = edge * metres > WALL * p.most_radius
     if wall.any():  # look at what is beside it
-        within = ndimage.distance_transform_edt(~wall) * metres <= 1.1 * WALL * p.most_radius
+        within = distance_in(~wall) * metres <= 1.1 * WALL * p.most_radius
         return _part(island & ~within, metres, p)
     smooth = ndimage.gaussian_filter(edge, 1.0)
     peaks = np.argwhere((smooth == most_about(smooth, 5)) & core)
     radii = edge[peaks[:, 0], peaks[:, 1]]
-    island = island & (ndimage.distance_transform_edt(~core) * metres <= p.thin)  # without its stem
+    island = island & (distance_in(~core) * metres <= p.thin)  # without its stem
     order = np.argsort(-radii, kind="stable")
     peaks, radii = peaks[order], radii[order]
     least, squares = np.full(island.shape, np.inf), [0.0]
@@ -158,9 +169,8 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
 def smooth(rgb: Image8) -> NDArray[np.float32]:
     """Colours (height, width, 3) without their grain, as they are judged."""
     grain = 0.7  # [pixel] a choice
-    return np.asarray(
-        ndimage.gaussian_filter(rgb.astype(np.float32), (grain, grain, 0.0), truncate=2.0)
-    )
+    cv, fine = opencv(), rgb.astype(np.float32)
+    return np.asarray(cv.GaussianBlur(fine, (3, 3), grain, borderType=cv.BORDER_REFLECT))
 
 
 def off(colour: Colour, hue: FloatArray, dye: FloatArray, bright: FloatArray) -> FloatArray:
@@ -211,14 +221,6 @@ def apart(hue: FloatArray, middle: float) -> FloatArray:
     return np.asarray(np.abs((hue - middle + 180.0) % 360.0 - 180.0))
 
 
-def _roundness(pixels: BoolArray) -> float:
-    """Area over that of the ball of the same extent: 1 of a disc; about 0.7 of a half."""
-    rows, columns = np.nonzero(pixels)
-    spread = np.cov(np.vstack([rows, columns]))
-    whole = 4.0 * np.pi * np.sqrt(max(float(np.linalg.det(spread)), 1e-9))
-    return float(min(len(rows) / whole, 1.0))
-
-
 def is_large(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
     """Whether a region is larger than the largest fruit, and so none, before it is fitted."""
     depth = picture.depth[region.box][region.part]
@@ -235,4 +237,4 @@ def is_green(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
 
 def edge_of(pixels: BoolArray) -> BoolArray:
     """The pixels just inside the edge of a region."""
-    return np.asarray(pixels & ndimage.binary_dilation(~pixels, SQUARE))
+    return np.asarray(pixels & most_about(~pixels, 3))

@@ -14,9 +14,9 @@ from scipy import ndimage
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.scenes.objects import SceneObject
-from optipromp_eyes.finder import Found, Region, most_about
+from optipromp_eyes.finder import Found, Region, distance_in, most_about, numbered
 from optipromp_eyes.fusing import Detection
-from optipromp_eyes.geometry import SQUARE, coloured
+from optipromp_eyes.geometry import coloured
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture, Image8
 from optipromp_eyes.stems import FIRST_GAP, STEEPEST
@@ -71,7 +71,7 @@ def solids(
     number = np.zeros(len(areas), dtype=np.int64)
     number[order] = np.minimum(1 + np.arange(len(order)), MOST_THINGS)
     marks = number[marks]
-    inner = ndimage.distance_transform_edt(np.pad(marks > 0, 1))[1:-1, 1:-1]
+    inner = distance_in(np.pad(marks > 0, 1))[1:-1, 1:-1]
     clouds = _cells(marks, depth, rays, np.minimum(2.0 * inner * side, DEEPEST))
     out = []
     for k, (cloud, box) in enumerate(zip(clouds, ndimage.find_objects(marks), strict=True), 1):
@@ -99,7 +99,7 @@ def _parted(
 ) -> tuple[IntArray, IntArray]:
     """Numbers (h, w) from 1 of things whose depths go on without a step; pixels of each, (K,)."""
     nearest = -most_about(np.where(mask, -depth, -np.inf), 3)
-    marks, _ = ndimage.label(mask & (depth - nearest < step), SQUARE)
+    marks = numbered(mask & (depth - nearest < step), 8)
     return marks, np.bincount(marks.ravel())
 
 
@@ -112,7 +112,7 @@ def _stems(
     from it."""
     here = marks > 0
     mine, points = marks[here], points[here]
-    inner = ndimage.distance_transform_edt(np.pad(here, 1))[1:-1, 1:-1] * side
+    inner = distance_in(np.pad(here, 1))[1:-1, 1:-1] * side
     count = np.bincount(mine, minlength=int(marks.max(initial=0)) + 1)
     green = coloured(rgb[here].astype(np.float32), p) >= 2
     stem = np.bincount(mine, green, len(count)) > GREEN * count

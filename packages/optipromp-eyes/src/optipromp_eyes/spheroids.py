@@ -7,10 +7,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import binary_erosion
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
-from optipromp_eyes.finder import Region
+from optipromp_eyes.finder import Region, morphed
 from optipromp_eyes.geometry import edge_of
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture
@@ -140,6 +139,7 @@ def states_of(places: FloatArray, radii: FloatArray, p: EyeParameters) -> FloatA
 
 MOST_POINTS, MOST_RAYS = 120, 60  # that a fit uses: a choice
 TOUCHING = 1e-3  # [m] depth below which nothing is measured, but numbers overflow: a choice
+CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], dtype=bool)
 INSIDE = 2  # [pixel] from the outline to the depths that are used: edges of depth are ragged
 BEFORE = 0.006  # [m] by which something that hides a fruit is nearer than it: a choice
 GRID, WIDE = 25, 1.4  # samples across a fruit, and radii from its middle to the last: a choice
@@ -274,7 +274,7 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     box, pixels = seed.grown(INSIDE + 3)
     depth = picture.depth[box]
     area = int(pixels.sum())
-    inside = binary_erosion(pixels, iterations=INSIDE)
+    inside = morphed(pixels, "ERODE", CROSS, INSIDE)
     if inside.sum() < 0.3 * area:  # a thin rest of a fruit: a choice
         inside = pixels
     rows = np.argwhere(inside & (depth > 0.0))

@@ -8,14 +8,22 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import ndimage
+from scipy.ndimage import find_objects
 
 from optipromp.core.arrays import BoolArray, FloatArray, frame_along
 from optipromp.core.geometry.shapes import Cone
 from optipromp.core.scenes.objects import SceneObject
 from optipromp_eyes.doubts import steepness
-from optipromp_eyes.finder import Found, Region
-from optipromp_eyes.geometry import SQUARE, coloured, smooth
+from optipromp_eyes.finder import (
+    Found,
+    Region,
+    ellipse_of,
+    morphed,
+    most_about,
+    numbered,
+    without_holes,
+)
+from optipromp_eyes.geometry import coloured, smooth
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import CLOSEST, DepthPicture
 from optipromp_eyes.stems import Spheroid
@@ -52,8 +60,8 @@ def unmeasured(
         colours[~bounds] = coloured(rgb[~bounds].astype(np.float64), p)
         masks += [colours == 1, colours == 2]
     out: list[tuple[str, SceneObject]] = []
-    for marks in (ndimage.label(ndimage.binary_opening(mask, SQUARE))[0] for mask in masks):
-        for number, box in enumerate(ndimage.find_objects(marks), 1):
+    for marks in (numbered(morphed(mask, "OPEN")) for mask in masks):
+        for number, box in enumerate(find_objects(marks), 1):
             patch = marks[box] == number
             if EVERY**2 * patch.sum() < p.least_pixels or not _is_round(patch):
                 continue
@@ -74,10 +82,9 @@ def unmeasured(
 
 
 def _is_round(patch: BoolArray) -> bool:
-    whole = ndimage.binary_fill_holes(patch)
-    small, large = np.linalg.eigvalsh(np.cov(np.vstack(np.nonzero(whole))))
-    ellipse = 4.0 * math.pi * math.sqrt(max(small * large, 1e-9))
-    return bool(large <= LONGEST**2 * small and whole.sum() >= DENSEST * ellipse)
+    whole = without_holes(patch)
+    long, broad, area = ellipse_of(whole)
+    return bool(long <= LONGEST * broad and whole.sum() >= DENSEST * area)
 
 
 def _ringed(box: tuple[slice, ...], patch: BoolArray, edges: BoolArray) -> bool:
@@ -85,7 +92,7 @@ def _ringed(box: tuple[slice, ...], patch: BoolArray, edges: BoolArray) -> bool:
     if any(b.start == 0 or b.stop == n for b, n in zip(box, edges.shape, strict=True)):
         return False
     wide = np.pad(patch, 1)
-    ring = ndimage.binary_dilation(wide, SQUARE) & ~wide
+    ring = most_about(wide, 3) & ~wide
     return bool(edges[tuple(slice(b.start - 1, b.stop + 1) for b in box)][ring].mean() > CLOSED)
 
 
