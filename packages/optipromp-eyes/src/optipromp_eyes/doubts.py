@@ -39,14 +39,14 @@ def light_of(picture: DepthPicture) -> tuple[float, str]:
     In white light something in the whole picture is green or without colour: leaves, or a wall, a
     gutter, metal. In red, blue and grow light nothing is.
     """
-    rgb = picture.rgb[2::4, 2::4].reshape(-1, 3)
-    most = rgb.max(axis=1)
-    rgb = rgb[(most > DARK) & (most < BLOWN)].astype(np.float32)
-    if len(rgb) < LEAST_SAMPLES:
+    rgb = np.ascontiguousarray(picture.rgb[2::4, 2::4].reshape(-1, 3).T)
+    most = rgb.max(axis=0)
+    rgb = rgb[:, (most > DARK) & (most < BLOWN)].astype(np.float32)
+    if rgb.shape[1] < LEAST_SAMPLES:
         return 1.0, ""
-    if (np.ptp(rgb, axis=1) < GREY * rgb.max(axis=1)).all():
+    if (np.ptp(rgb, axis=0) < GREY * rgb.max(axis=0)).all():
         return 0.0, "the picture is grey"
-    green = math.log(float(np.quantile(rgb[:, 1] / rgb[:, ::2].max(axis=1).clip(1.0), 0.98)) + 1e-9)
+    green = math.log(float(np.quantile(rgb[1] / rgb[::2].max(axis=0).clip(1.0), 0.98)) + 1e-9)
     trust = 1.0 / (1.0 + math.exp(min((GREENEST - green) / STEEP, 500.0)))
     return trust, "little reflects green: red, blue or grow light?"
 
@@ -127,7 +127,7 @@ def steepness(rgb: NDArray[np.float32]) -> NDArray[np.float32]:
     """The steepness (h, w) of colours (h, w, 3), by Sobel's kernels."""
     cv = opencv()
     ways = (cv.Sobel(rgb, -1, *way, borderType=cv.BORDER_REPLICATE) for way in ((1, 0), (0, 1)))
-    return np.asarray(np.sqrt(sum((way**2).sum(axis=2) for way in ways)))
+    return np.asarray(np.sqrt(sum(sum(each**2 for each in cv.split(way)) for way in ways)))
 
 
 def pose_of(

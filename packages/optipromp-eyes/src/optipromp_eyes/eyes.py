@@ -239,14 +239,14 @@ def _stem_points(
         (each for each in found.regions if each.kind in ("unripe", "stem")), picture.depth.shape
     )
     mask = green & ~Region.mask((region for region, _ in good), green.shape)
-    rows = np.argwhere(mask)
+    box = box_of(mask, BESIDE // 2)
+    rows = np.argwhere(mask[box]) + [b.start for b in box]
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), MOST_STEM_POINTS)).astype(int)]
     rays, depth = picture.camera.through(rows[:, ::-1]), picture.depth[*rows.T]
     measured = (
         rays[depth > 0.0] * depth[depth > 0.0, None],
         np.full((depth > 0.0).sum(), DEPTH),
     )
-    box = box_of(mask, BESIDE // 2)
     behind = np.where(mask[box], 0.0, picture.depth[box]).astype(np.float32)
     back = most_about(behind, BESIDE)
     back = back[rows[:, 0] - box[0].start, rows[:, 1] - box[1].start]

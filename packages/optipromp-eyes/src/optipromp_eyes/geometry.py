@@ -218,7 +218,8 @@ def _filled(depth: FloatArray, where: BoolArray) -> FloatArray:
 
 def apart(hue: FloatArray, middle: float) -> FloatArray:
     """Difference of hues on their circle [deg]."""
-    return np.asarray(np.abs((hue - middle + 180.0) % 360.0 - 180.0))
+    far = np.abs(hue - middle)
+    return np.asarray(np.minimum(far, 360.0 - far))
 
 
 def is_large(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:

@@ -179,20 +179,21 @@ class ByNetwork:
             np.minimum(self._scale * depths / picture.camera.focal, most), return_index=True
         )
         depths = depths[first]  # depths of one scale are seen once
-        ends = np.sqrt(depths[1:] * depths[:-1])  # between two depths
+        ends = np.array([0.0, *np.sqrt(depths[1:] * depths[:-1]), np.inf])  # of each scale
         shown: list[Region] = []
         stems, leaves = np.zeros((2, *picture.depth.shape), dtype=bool)
         left_out = 0
         for row, factor in enumerate(factors):
             regions, (stem, leaf), left = self._seen_at(picture, float(factor))
-            here = (np.digitize(picture.depth, ends) == row) | (picture.depth == 0.0)
+            here = (ends[row] <= picture.depth) & (picture.depth < ends[row + 1])
+            here |= picture.depth == 0.0
             stems |= stem & here
             leaves |= leaf & here
             left_out += left
             for region in regions:  # a fruit is of the scale of most of its pixels
                 far = picture.depth[region.box][region.part]
                 middle = float(np.median(far[far > 0.0])) if (far > 0.0).any() else depths[0]
-                if np.digitize(middle, ends) == row:
+                if ends[row] <= middle < ends[row + 1]:
                     shown.append(region)
         stems &= ~Region.mask(shown, stems.shape)
         shown.sort(key=lambda region: -region.score)
@@ -251,15 +252,16 @@ def depths_seen(picture: DepthPicture) -> FloatArray:
     more than :data:`SPAN` are seen at two scales.
     """
     near = (picture.depth > NEAREST_FRUIT) & (picture.depth < FARTHEST_FRUIT)
-    few = picture.rgb[::4, ::4].astype(np.int64)
-    most = few.max(axis=2)
-    dyed = near[::4, ::4] & (most - few.min(axis=2) > DYED * most)
+    few = np.ascontiguousarray(np.moveaxis(picture.rgb[::4, ::4], 2, 0)).astype(np.int64)
+    most = few.max(axis=0)
+    dyed = near[::4, ::4] & (most - few.min(axis=0) > DYED * most)
     depth = picture.depth[::4, ::4]
     far = depth[dyed] if dyed.mean() > 2e-3 else depth[near[::4, ::4]]
     if not far.size:
         return np.array([0.4])  # any: nothing is measured where fruits may be
-    weights = np.cumsum(np.sort(far) ** 2)  # a pixel stands for an area that grows with the depth
-    low, high = np.sort(far)[np.searchsorted(weights, np.array([0.1, 0.9]) * weights[-1])]
+    far = np.sort(far)
+    weights = np.cumsum(far**2)  # a pixel stands for an area that grows with the depth
+    low, high = far[np.searchsorted(weights, np.array([0.1, 0.9]) * weights[-1])]
     if high < SPAN * low:
         return np.array([math.sqrt(low * high)])
     return np.array([low * SPAN**0.5, max(high / SPAN**0.5, low * SPAN)])

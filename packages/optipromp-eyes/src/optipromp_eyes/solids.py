@@ -51,7 +51,8 @@ def solids(
     """
     whole, thin = picture.depth, (slice(None, None, EVERY),) * 2
     there = ((whole > 0.0) & (whole < FARTHEST) & ~_between(whole, p.step))[thin]
-    rays, depth = picture.camera.rays[thin], np.where(there, whole[thin], 0.0)
+    cells = np.meshgrid(*(np.arange(0, side, EVERY) for side in whole.shape[::-1]))
+    rays, depth = picture.camera.through(np.dstack(cells)), np.where(there, whole[thin], 0.0)
     error = DEVIATIONS * p.depth_noise * depth**2
     side = EVERY * depth / picture.camera.focal  # of a pixel [m]
     leaf = Region.mask((r for r in found.regions if r.kind == "leaf"), whole.shape)[thin]
@@ -124,7 +125,10 @@ def _stems(
         off = points - fit.center
         near = lengths(off) < max(fit.radius, fit.half) + FIRST_GAP + error
         border = 1 + 2 * round(FIRST_GAP * focal / fit.center[2])  # [pixel] as near in the picture
-        behind = most_about(each.region.pixels, border)[::EVERY, ::EVERY][here] & (off[:, 2] > 0.0)
+        box, part = each.region.grown(border // 2)
+        about = np.zeros(each.region.shape, dtype=bool)
+        about[box] = most_about(part, border)
+        behind = about[::EVERY, ::EVERY][here] & (off[:, 2] > 0.0)
         begins = np.zeros(len(count), dtype=bool)
         begins[mine[near | behind]] = True
         off = points * (fit.center[2] / points[:, 2:]) - fit.center  # as the picture has it
@@ -143,19 +147,24 @@ def _explained(
     here = points[..., 2] > 0.0
     flat, more = points[here], ABOUT + error[here]
     mine = np.zeros(len(flat), dtype=bool)
-    red = [r for r in found.fruits if r.kind == "ripe"]  # no stem has this colour
+    sized = [(r, MOSTLY * np.count_nonzero(r.part)) for r in found.fruits]
     for each in fruits:
         fit, shown = each.spheroid, each.region.pixels
-        most = (r for r in found.fruits if (shown[r.box] & r.part).sum() > MOSTLY * r.part.sum())
-        own = Region.mask(most, shown.shape)
+        most = (r for r, least in sized if np.count_nonzero(shown[r.box] & r.part) > least)
+        own = Region.mask(most, shown.shape)[thin][here]
         out |= shown[thin]
-        off = flat - fit.center
+        off, size = flat - fit.center, max(fit.radius, fit.half)
+        away = lengths(off)
+        near = np.flatnonzero(away < max(SAME * size, size + more.max(initial=0.0)))
+        off, slack = off[near], more[near]
         along = off @ fit.axis
         aside = lengths(off - along[:, None] * fit.axis)
-        mine |= np.hypot(aside / (fit.radius + more), along / (fit.half + more)) < 1.0
-        mine |= own[thin][here] & (lengths(off) < SAME * max(fit.radius, fit.half))
+        within = np.hypot(aside / (fit.radius + slack), along / (fit.half + slack)) < 1.0
+        mine[near] |= within | (own[near] & (away[near] < SAME * size))
         if each.item.stem is not None:
-            off, ripe = flat - each.item.stem.points[0], Region.mask(red, shown.shape)[thin][here]
+            off = flat - each.item.stem.points[0]
+            red = (r for r in found.fruits if r.kind == "ripe")  # no stem has this colour
+            ripe = Region.mask(red, shown.shape)[thin][here]
             way = each.item.stem.vector / each.item.stem.length
             along = np.clip(off @ way, 0.0, CUT * each.item.stem.length)
             on = lengths(off - along[:, None] * way) < more + BOW * along

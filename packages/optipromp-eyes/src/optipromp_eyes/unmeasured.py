@@ -61,9 +61,9 @@ def unmeasured(
         masks += [colours == 1, colours == 2]
     out: list[tuple[str, SceneObject]] = []
     for marks in (numbered(morphed(mask, "OPEN")) for mask in masks):
+        large = EVERY**2 * np.bincount(marks.ravel()) >= p.least_pixels
         for number, box in enumerate(find_objects(marks), 1):
-            patch = marks[box] == number
-            if EVERY**2 * patch.sum() < p.least_pixels or not _is_round(patch):
+            if not large[number] or not _is_round(patch := marks[box] == number):
                 continue
             if by_colour and not _ringed(box, patch, bounds):
                 continue
