@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
+from optipromp.core.compiled import kernel
 from optipromp_eyes.finder import Region, morphed
 from optipromp_eyes.geometry import edge_of
 from optipromp_eyes.parameters import EyeParameters
@@ -44,26 +45,53 @@ def axis_of(x: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
     return ways, slope / size[:, :, None]
 
 
-def system(x: FloatArray, axes: FloatArray, data: FitData) -> tuple[FloatArray, FloatArray]:
-    """Weighted residuals (R, P + K) of states (R, 7), and their derivatives (R, P + K, 7)."""
-    axis, turn = axis_of(x, axes)
-    longer = np.exp(-2.0 * x[:, 4])
-    k = (longer - 1.0)[:, None]
-    center, radius = x[:, :3], np.exp(x[:, 3])[:, None]
-    metric = center + k * (center * axis).sum(axis=1)[:, None] * axis
-    along = np.matmul(data.rays, axis[:, :, None])[:, :, 0]
-    share = np.matmul(data.rays, metric[:, :, None])[:, :, 0]
-    share /= np.maximum(_squares(data.rays) + k * along**2, 1e-12)
-    off = np.concatenate([data.points, share[:, :, None] * data.rays], axis=1) - center[:, None]
-    s = np.matmul(off, axis[:, :, None])[:, :, 0]
-    size = np.sqrt(np.maximum(_squares(off) + k * s**2, 1e-12))
-    slope = np.empty((*size.shape, 7))
-    slope[:, :, :3] = -(off + (k * s)[:, :, None] * axis[:, None]) / size[:, :, None]
-    slope[:, :, 3] = -radius
-    slope[:, :, 4] = -longer[:, None] * s**2 / size
-    slope[:, :, 5:] = (k * s / size)[:, :, None] * np.matmul(off, turn.transpose(0, 2, 1))
-    weights = np.concatenate([data.weights, data.pulls], axis=1)
-    return (size - radius) * weights, slope * weights[:, :, None]
+@kernel
+def system(x, axis, turn, data):
+    """Weighted residuals (R, P + K) of states (R, 7), by their robust weights the sums of squares
+    of the derivatives (R, 7, 7), and of derivatives by residuals (R, 7).
+
+    ``axis``, ``turn``: of :func:`axis_of`. ``data``: :class:`FitData`.
+    """
+    count, depths = data.weights.shape
+    all_of = depths + data.pulls.shape[1]
+    residuals = np.zeros((count, all_of))
+    squares, sums, slope = np.zeros((count, 7, 7)), np.zeros((count, 7)), np.empty(7)
+    for r in range(count):
+        longer, radius = math.exp(-2.0 * x[r, 4]), math.exp(x[r, 3])
+        k, a0, a1, a2 = longer - 1.0, axis[r, 0], axis[r, 1], axis[r, 2]
+        c0, c1, c2 = x[r, 0], x[r, 1], x[r, 2]
+        bent = k * (c0 * a0 + c1 * a1 + c2 * a2)
+        for n in range(all_of):
+            weight = data.weights[r, n] if n < depths else data.pulls[r, n - depths]
+            if weight == 0.0:
+                continue
+            if n < depths:
+                d0, d1, d2 = data.points[r, n]
+            else:
+                d0, d1, d2 = data.rays[r, n - depths]
+                along = d0 * a0 + d1 * a1 + d2 * a2
+                across = d0 * c0 + d1 * c1 + d2 * c2 + bent * along
+                share = across / max(d0 * d0 + d1 * d1 + d2 * d2 + k * along * along, 1e-12)
+                d0, d1, d2 = share * d0, share * d1, share * d2
+            d0, d1, d2 = d0 - c0, d1 - c1, d2 - c2
+            s = d0 * a0 + d1 * a1 + d2 * a2
+            size = math.sqrt(max(d0 * d0 + d1 * d1 + d2 * d2 + k * s * s, 1e-12))
+            slope[0], slope[1], slope[2] = -d0 - k * s * a0, -d1 - k * s * a1, -d2 - k * s * a2
+            slope[3], slope[4] = -radius * size, -longer * s * s
+            for j in range(2):
+                way = turn[r, j]
+                slope[5 + j] = k * s * (d0 * way[0] + d1 * way[1] + d2 * way[2])
+            now = residuals[r, n] = (size - radius) * weight
+            robust = min(1.0, HUBER / max(abs(now), 1e-9))
+            for i in range(7):
+                slope[i] *= weight / size
+                sums[r, i] += robust * slope[i] * now
+                for j in range(i + 1):
+                    squares[r, i, j] += robust * slope[i] * slope[j]
+        for i in range(7):
+            for j in range(i):
+                squares[r, j, i] = squares[r, i, j]
+    return residuals, squares, sums
 
 
 def descended(
@@ -76,11 +104,9 @@ def descended(
     sharp[3:] **= -2.0
     hessian = np.tile(np.eye(7), (len(x), 1, 1))
     for _ in range(steps):
-        now, slope = system(x, axes, data)
-        robust = np.minimum(1.0, HUBER / np.maximum(np.abs(now), 1e-9))
-        weighted = (slope * robust[:, :, None]).transpose(0, 2, 1)
-        hessian = weighted @ slope + np.diag(sharp + 1e-9)
-        gradient = (weighted @ now[:, :, None])[:, :, 0] + sharp * (x - prior)
+        _, squares, sums = system(x, *axis_of(x, axes), data)
+        hessian = squares + np.diag(sharp + 1e-9)
+        gradient = sums + sharp * (x - prior)
         step = np.linalg.solve(hessian, gradient[:, :, None])[:, :, 0]
         far = np.abs(step[:, :3]).max(axis=1, keepdims=True) > 0.02
         x = x - np.where(far, np.clip(step, -0.02, 0.02), step)
@@ -224,27 +250,52 @@ def shown_of(
     )  # fmt: skip
 
 
+@kernel
+def _ends(depth, colours, lens, kinds, balls, about, turn, tick):
+    """In directions ``turn`` (K, 2) from the middles of R spheroids: the last sample (R, K) that is
+    surely of the fruit, -1: none; and the first beyond it that has another colour."""
+    high, wide = depth.shape
+    fx, fy, cx, cy = lens
+    middle, size, slack = about
+    deep = np.full((len(size), len(turn)), -1)
+    ends = np.full((len(size), len(turn)), len(tick))
+    for r in range(len(size)):
+        (c0, c1, c2), (a0, a1, a2) = balls.center[r], balls.axis[r]
+        k = (balls.radius[r] / balls.half[r]) ** 2 - 1.0
+        bent = k * (c0 * a0 + c1 * a1 + c2 * a2)
+        m0, m1, m2 = c0 + bent * a0, c1 + bent * a1, c2 + bent * a2
+        least = c0 * m0 + c1 * m1 + c2 * m2 - balls.radius[r] ** 2
+        for n in range(len(turn)):
+            for t in range(len(tick) - 1, -1, -1):
+                column = round(middle[r, 0] + size[r] * (turn[n, 0] * tick[t]))
+                row = round(middle[r, 1] + size[r] * (turn[n, 1] * tick[t]))
+                i, j = min(max(row, 0), high - 1), min(max(column, 0), wide - 1)
+                if colours[i, j] != kinds[r]:
+                    ends[r, n] = t
+                elif i == row and j == column and depth[i, j] > 0.0:
+                    x, y = (column - cx) / fx, (row - cy) / fy
+                    along, across = x * a0 + y * a1 + a2, x * m0 + y * m1 + m2
+                    length = x * x + y * y + 1.0 + k * along * along
+                    root = math.sqrt(max(across * across / length - least, 0.0) / length)
+                    if abs(depth[i, j] - across / length + root) < slack[r, 0]:
+                        deep[r, n] = t
+                        break
+    return deep, ends
+
+
 def _outlines(
     picture: DepthPicture, colours: Codes, kinds: IntArray, balls: SpheroidRows,
     about: tuple[FloatArray, FloatArray, FloatArray], p: EyeParameters,
 ) -> tuple[FloatArray, FloatArray]:  # fmt: skip
     """Rays (R, K, 3) through the free outlines of spheroids (R, 7), and their weights (R, K)."""
-    middle, size, slack = about
-    count, focal = len(size), picture.camera.focal
+    middle, size, _ = about
+    focal = picture.camera.focal
     angle = np.arange(TURNS) * (2.0 * math.pi / TURNS)
     turn = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     tick = np.linspace(0.3, WIDE, TICKS)
-    where = turn[:, None] * tick[:, None]  # (K, T, 2) in sizes
-    where = middle[:, None, None] + size[:, None, None, None] * where
-    rays, depth, colour = _at(picture, colours, where.reshape(count, -1, 2))
-    aside, front = surface(rays, balls)
-    shape = count, TURNS, TICKS
-    dyed = (colour == kinds[:, None]).reshape(shape)
-    near = ((depth > 0.0) & (np.abs(depth - front) < slack)).reshape(shape)
+    lens = picture.camera.fx, picture.camera.fy, picture.camera.cx, picture.camera.cy
+    deep, ends = _ends(picture.depth, colours, lens, kinds, balls, about, turn, tick)
     pixel = (size * (tick[1] - tick[0]))[:, None]
-    order = np.arange(TICKS)
-    deep = np.where(dyed & near, order, -1).max(axis=2)  # the last that is surely of the fruit
-    ends = np.where(~dyed & (order > deep[:, :, None]), order, TICKS).min(axis=2)
     ragged = (ends - deep) * pixel < 3.5  # [pixel] as edges of depth are
     last = np.where(ragged, ends - 1, deep)
     rim = tick[np.clip(last, 0, TICKS - 1)] + tick[np.clip(last + 1, 0, TICKS - 1)]
@@ -404,7 +455,7 @@ def all_fitted(
         data = FitData(*(each[good] for each in look.data))
         x, hessian = descended(x, axes, data, p, AGAIN)
     look = shown_of(picture, colours, kinds[rows], x, axes, p)
-    residuals, _ = system(x, axes, look.data)
+    residuals, _, _ = system(x, *axis_of(x, axes), look.data)
     good = _sound(x, p) & (look.support >= 8)
     for k in np.flatnonzero(good):
         out[rows[k]] = _spheroid(x[k], axes, hessian[k], residuals[k], look, int(k), p)
