@@ -41,7 +41,7 @@ def light_of(picture: DepthPicture) -> tuple[float, str]:
     """
     rgb = np.ascontiguousarray(picture.rgb[2::4, 2::4].reshape(-1, 3).T)
     most = rgb.max(axis=0)
-    rgb = rgb[:, (most > DARK) & (most < BLOWN)].astype(np.float32)
+    rgb = rgb.compress((most > DARK) & (most < BLOWN), axis=1).astype(np.float32)
     if rgb.shape[1] < LEAST_SAMPLES:
         return 1.0, ""
     if (np.ptp(rgb, axis=0) < GREY * rgb.max(axis=0)).all():

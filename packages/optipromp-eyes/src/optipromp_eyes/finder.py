@@ -125,6 +125,12 @@ def ellipse_of(mask: BoolArray) -> tuple[float, float, float]:
     return long, broad, 4.0 * math.pi * math.sqrt(max(one * two - both**2, 1e-9))
 
 
+def middle_of(values: FloatArray) -> Any:
+    """The median of the first axis of a few values; sooner than by NumPy's."""
+    ordered, count = np.sort(values, axis=0), len(values)
+    return 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2])
+
+
 def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:
     """The rows and columns of a mask, with a margin [pixel]."""
     out = []

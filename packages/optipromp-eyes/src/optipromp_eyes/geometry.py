@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray
+from optipromp.core.compiled import kernel
 from optipromp_eyes.finder import (
     Class,
     Found,
@@ -17,6 +18,7 @@ from optipromp_eyes.finder import (
     distance_in,
     ellipse_of,
     largest,
+    middle_of,
     morphed,
     most_about,
     numbered,
@@ -63,10 +65,13 @@ class ByGeometry:
         stems = np.zeros(picture.depth.shape, dtype=bool)
         stems[box] = (colours >= 2) & near
         kinds: tuple[tuple[Class, BoolArray], ...] = (("ripe", ripe), ("unripe", green))
+        known = np.where(depth > 0.0, -depth, -np.inf)
+        least = np.maximum(p.step, 3.0 * p.depth_noise * depth**2)  # [m] that is no error: a choice
+        steps = depth + most_about(known, 3) > least  # the nearer side keeps its edge
         left_out = 0
         found: list[tuple[Class, tuple[slice, ...], BoolArray]] = []
         for kind, mask in kinds:
-            parts, left = self._parted(mask, colours == 0, depth, picture.camera.focal)
+            parts, left = self._parted(mask, colours == 0, depth, steps, picture.camera.focal)
             found += [(kind, part, pixels) for part, pixels in parts]
             left_out += left
         regions = []
@@ -83,18 +88,14 @@ class ByGeometry:
         return Found((*regions, Region("stem", stems, 1.0)), left_out)
 
     def _parted(
-        self, mask: BoolArray, plain: BoolArray, depth: FloatArray, focal: float
+        self, mask: BoolArray, plain: BoolArray, depth: FloatArray, steps: BoolArray, focal: float
     ) -> tuple[list[tuple[tuple[slice, ...], BoolArray]], int]:
         """The largest fruits among the pixels of one colour: boxes, and the pixels in them; and
         how many others there are. Of ``plain`` pixels, of no colour, those that a fruit encloses
-        and that are not behind it are its gloss."""
+        and that are not behind it are its gloss. Islands end at ``steps`` of depth."""
         p = self.parameters
-        known = np.where(depth > 0.0, -depth, -np.inf)
-        least = np.maximum(p.step, 3.0 * p.depth_noise * depth**2)  # [m] that is no error: a choice
-        steps = depth + most_about(known, 3) > least  # the nearer side keeps its edge
-        whole = morphed(mask, "CLOSE") & ~steps
+        islands = numbered(morphed(mask, "CLOSE") & ~steps)
         parts = np.zeros(mask.shape, dtype=np.int64)
-        islands = numbered(whole)
         areas = np.bincount(islands.ravel(), (depth / focal).ravel() ** 2)[1:]  # [m²]
         boxes = ndimage.find_objects(islands)
         wide = np.flatnonzero(areas > math.pi * p.thin**2)
@@ -107,7 +108,7 @@ class ByGeometry:
             island, far = islands[box] == row + 1, depth[box]
             front = far[island]
             gloss = without_holes(island) & plain[box] & (far < front.max() + p.step)
-            far = np.where(gloss & (far == 0.0), np.median(front), far)
+            far = np.where(gloss & (far == 0.0), middle_of(front), far)
             fruits, left = _part(island | gloss, far / focal, p)
             parts[box] += np.where(fruits > 0, fruits + count, 0)
             count, left_out = count + int(fruits.max()), left_out + left
@@ -133,11 +134,10 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
     between two discs that overlap. A ball is compared within the reach of the largest only: beyond
     it no pixel is of any ball.
     """
-    parts = np.zeros(island.shape, dtype=np.int64)
     edge = distance_in(np.pad(island, 1))[1:-1, 1:-1]
     core = edge * metres > p.thin
     if not core.any():
-        return parts, 0
+        return np.zeros(island.shape, dtype=np.int64), 0
     wall = edge * metres > WALL * p.most_radius
     if wall.any():  # look at what is beside it
         within = distance_in(~wall) * metres <= 1.1 * WALL * p.most_radius
@@ -147,23 +147,32 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
     radii = edge[peaks[:, 0], peaks[:, 1]]
     island = island & (distance_in(~core) * metres <= p.thin)  # without its stem
     order = np.argsort(-radii, kind="stable")
-    peaks, radii = peaks[order], radii[order]
-    least, squares = np.full(island.shape, np.inf), [0.0]
-    reach = math.ceil(REACH * radii.max(initial=0.0))
-    while len(peaks) and len(squares) <= MOST_BALLS:
-        squares.append(radii[0] ** 2)
-        box = tuple(slice(max(at - reach, 0), at + reach + 1) for at in peaks[0].tolist())
-        size = parts[box].shape
-        down, across = (
-            np.arange(n) + (b.start - at) for n, b, at in zip(size, box, peaks[0], strict=True)
-        )
-        power = down[:, None] ** 2 + across**2 - squares[-1]
-        nearer = power < least[box]
-        least[box][nearer], parts[box][nearer] = power[nearer], len(squares) - 1
-        apart = np.linalg.norm(peaks - peaks[0], axis=1) > radii[0]
-        peaks, radii = peaks[apart], radii[apart]
-    parts[~(island & (least < (REACH**2 - 1.0) * np.array(squares)[parts]))] = 0
-    return parts, len(peaks)
+    return _balls(island, peaks[order], radii[order])
+
+
+@kernel
+def _balls(island, peaks, radii):
+    """See :func:`_part`: of ``peaks`` (K, 2) those that no ball before them encloses."""
+    high, wide = island.shape
+    parts, least = np.zeros((high, wide), dtype=np.int64), np.full((high, wide), np.inf)
+    left, count = np.ones(len(peaks), dtype=np.bool_), 0
+    reach = math.ceil(REACH * radii[0]) if len(radii) else 0
+    for k in range(len(peaks)):
+        if not left[k] or count == MOST_BALLS:
+            continue
+        count += 1
+        (row, column), square = peaks[k], radii[k] ** 2
+        for i in range(max(row - reach, 0), min(row + reach + 1, high)):
+            for j in range(max(column - reach, 0), min(column + reach + 1, wide)):
+                power = (i - row) ** 2 + (j - column) ** 2 - square
+                if power < least[i, j]:
+                    least[i, j] = power
+                    within = island[i, j] and power < (REACH**2 - 1.0) * square
+                    parts[i, j] = count if within else 0
+        for n in range(k, len(peaks)):
+            if math.hypot(peaks[n, 0] - row, peaks[n, 1] - column) <= radii[k]:
+                left[n] = False
+    return parts, left.sum()
 
 
 def smooth(rgb: Image8) -> NDArray[np.float32]:
@@ -225,8 +234,9 @@ def apart(hue: FloatArray, middle: float) -> FloatArray:
 def is_large(picture: DepthPicture, region: Region, p: EyeParameters) -> bool:
     """Whether a region is larger than the largest fruit, and so none, before it is fitted."""
     depth = picture.depth[region.box][region.part]
-    far = float(np.median(depth[depth > 0.0])) if (depth > 0.0).any() else 0.0
-    area = int((depth > 0.0).sum()) * far**2 / (picture.camera.fx * picture.camera.fy)
+    depth = depth[depth > 0.0]
+    far = float(middle_of(depth)) if len(depth) else 0.0
+    area = len(depth) * far**2 / (picture.camera.fx * picture.camera.fy)
     return area > LARGE * math.pi * p.most_radius**2
 
 

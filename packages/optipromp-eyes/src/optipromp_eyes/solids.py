@@ -147,27 +147,30 @@ def _explained(
     here = points[..., 2] > 0.0
     flat, more = points[here], ABOUT + error[here]
     mine = np.zeros(len(flat), dtype=bool)
+    squares = lengths(flat) ** 2
     sized = [(r, MOSTLY * np.count_nonzero(r.part)) for r in found.fruits]
     for each in fruits:
         fit, shown = each.spheroid, each.region.pixels
         most = (r for r, least in sized if np.count_nonzero(shown[r.box] & r.part) > least)
         own = Region.mask(most, shown.shape)[thin][here]
         out |= shown[thin]
-        off, size = flat - fit.center, max(fit.radius, fit.half)
-        away = lengths(off)
-        near = np.flatnonzero(away < max(SAME * size, size + more.max(initial=0.0)))
-        off, slack = off[near], more[near]
+        size, whole = max(fit.radius, fit.half), squares - 2.0 * (flat @ fit.center)
+        most_off = 1e-6 + max(SAME * size, size + more.max(initial=0.0))  # [m]
+        near = np.flatnonzero(whole < most_off**2 - fit.center @ fit.center)
+        off, slack = flat[near] - fit.center, more[near]
         along = off @ fit.axis
         aside = lengths(off - along[:, None] * fit.axis)
         within = np.hypot(aside / (fit.radius + slack), along / (fit.half + slack)) < 1.0
-        mine[near] |= within | (own[near] & (away[near] < SAME * size))
+        mine[near] |= within | (own[near] & (lengths(off) < SAME * size))
         if each.item.stem is not None:
-            off = flat - each.item.stem.points[0]
+            begin = each.item.stem.points[0]
             red = (r for r in found.fruits if r.kind == "ripe")  # no stem has this colour
             ripe = Region.mask(red, shown.shape)[thin][here]
             way = each.item.stem.vector / each.item.stem.length
-            along = np.clip(off @ way, 0.0, CUT * each.item.stem.length)
-            on = lengths(off - along[:, None] * way) < more + BOW * along
+            up_to = flat @ way - begin @ way
+            along = np.clip(up_to, 0.0, CUT * each.item.stem.length)
+            aside = squares - 2.0 * (flat @ begin) + begin @ begin - along * (2.0 * up_to - along)
+            on = aside < (more + BOW * along) ** 2
             gap = 0.0 if each.stem is None else each.stem.gap  # where something hides the stem
             mine |= on & ~ripe & ((gap == 0.0) | (along > max(fit.radius, fit.half) + gap))
     out[here] |= mine
@@ -181,12 +184,13 @@ def _cells(
     marks: IntArray, depth: FloatArray, rays: FloatArray, deep: FloatArray
 ) -> list[FloatArray]:
     """Middles (N, 3) of the cells that each thing fills from its surface to so ``deep`` behind."""
-    codes = []
+    codes, there = list[IntArray](), marks > 0
+    numbers, depth, deep, ways = marks[there], depth[there], deep[there], rays[there].T
     for behind in np.arange(0.0, DEEPEST, VOXEL):
-        more = (marks > 0) & (deep > behind)
-        code, far = marks[more], (depth[more] + behind) / VOXEL
-        for way in rays[more].T:
-            code = (code << BITS) + np.floor(way * far).astype(np.int64) + SHIFT
+        more = deep > behind
+        code, far = numbers[more], (depth[more] + behind) / VOXEL
+        for way in ways:
+            code = (code << BITS) + np.floor(way[more] * far).astype(np.int64) + SHIFT
         codes.append(code[np.diff(code, prepend=-1) != 0])  # pixels beside each other share cells
     unique, _ = np.unique(np.concatenate(codes), return_counts=True)  # sorts: faster than hashes
     cells = (unique[:, None] >> np.arange(2 * BITS, -1, -BITS)) % (1 << BITS) - SHIFT

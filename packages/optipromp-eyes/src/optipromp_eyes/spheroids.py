@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
 from optipromp.core.compiled import kernel
-from optipromp_eyes.finder import Region, morphed
+from optipromp_eyes.finder import Region, middle_of, morphed
 from optipromp_eyes.geometry import edge_of
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture
@@ -335,7 +335,7 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     begin = np.array([box[0].start, box[1].start])
     rows = rows[np.linspace(0, len(rows) - 1, min(len(rows), 2 * MOST_POINTS)).astype(int)]
     far = depth[rows[:, 0], rows[:, 1]]
-    middle = float(np.median(far))
+    middle = float(middle_of(far))
     if middle < TOUCHING:
         return None
     near = np.abs(far - middle) < p.most_radius
@@ -346,37 +346,41 @@ def start_of(picture: DepthPicture, seed: Region, p: EyeParameters) -> SeedStart
     points = points[:: max(len(points) // MOST_POINTS, 1)]
     per = max(p.patch * len(points) / area, 1.0)
     weights = 1.0 / (p.depth_noise * points[:, 2] ** 2 * math.sqrt(per))
-    edge = _free(picture, pixels, begin, middle)
+    edge = _free(picture.depth, pixels, begin, np.argwhere(edge_of(pixels)), middle)
+    edge = edge[:: max(-(-len(edge) // MOST_RAYS), 1)]
     radius = math.sqrt(area / math.pi) / focal * middle
-    radius = float(np.clip(radius, p.least_radius, p.most_radius))
+    radius = min(max(radius, p.least_radius), p.most_radius)
     around = 2.0 * math.pi * radius * focal / middle
     per = max(RUN * len(edge) / max(around, 1.0), 1.0)
     pulls = np.full(len(edge), focal / (middle * math.sqrt(per)))
     data = FitData(points, weights, camera.through(edge[:, ::-1]), pulls)
-    return SeedStart(np.median(points, axis=0), radius, data)
+    return SeedStart(middle_of(points), radius, data)
 
 
-def _free(picture: DepthPicture, pixels: BoolArray, begin: IntArray, middle: float) -> FloatArray:
-    """Rows and columns (K, 2) of the free part of an outline.
+@kernel
+def _free(depth, pixels, begin, rows, middle):
+    """Rows and columns (K, 2) of the free part of an outline, of its pixels ``rows`` (N, 2).
 
     A part of the outline is free where what lies beyond it is not nearer than the fruit and the
     picture does not end there.
     """
-    height, width = picture.depth.shape
-    rows = np.argwhere(edge_of(pixels))
-    out = rows - rows.mean(axis=0)
-    out = out / np.maximum(np.linalg.norm(out, axis=1), 1e-9)[:, None]
-    shape = np.array(pixels.shape)
-    free = ((rows + begin >= 2) & (rows + begin <= np.array([height, width]) - 3)).all(axis=1)
-    for ahead in BEYOND:
-        there = np.rint(rows + ahead * out).astype(int)
-        here = np.clip(there, 0, shape - 1)
-        mine = pixels[here[:, 0], here[:, 1]]  # a dent: the fruit goes on beyond
-        there = np.clip(there + begin, 0, [height - 1, width - 1])
-        depth = picture.depth[there[:, 0], there[:, 1]]
-        free &= ~((depth > 0.0) & (depth < middle + BEFORE)) & ~mine
-    edge = (rows + 0.5 * out + begin)[free]  # half a pixel beyond the middle of the last pixel
-    return np.asarray(edge[:: max(-(-len(edge) // MOST_RAYS), 1)])
+    (height, width), (high, wide), (top, left) = depth.shape, pixels.shape, begin
+    out, count = np.empty((len(rows), 2)), 0
+    down_mean, across_mean = rows[:, 0].mean(), rows[:, 1].mean()
+    for row, column in rows:
+        down, across = row - down_mean, column - across_mean
+        away = max(math.sqrt(down * down + across * across), 1e-9)
+        down, across = down / away, across / away
+        free = 2 <= row + top <= height - 3 and 2 <= column + left <= width - 3
+        for ahead in BEYOND:
+            i, j = round(row + ahead * down), round(column + ahead * across)
+            far = depth[min(max(i + top, 0), height - 1), min(max(j + left, 0), width - 1)]
+            mine = pixels[min(max(i, 0), high - 1), min(max(j, 0), wide - 1)]  # a dent: it goes on
+            free = free and not mine and not 0.0 < far < middle + BEFORE
+        if free:  # half a pixel beyond the middle of the last pixel
+            out[count, 0], out[count, 1] = row + 0.5 * down + top, column + 0.5 * across + left
+            count += 1
+    return out[:count]
 
 
 FIRST, AGAIN, ROUNDS = 6, 4, 2  # steps to a seed, after each claim, and claims: a choice
