@@ -12,8 +12,8 @@ import numpy as np
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
-from optipromp_eyes.finder import RIGHT, Class, Found, Region, numbered
-from optipromp_eyes.geometry import ByGeometry
+from optipromp_eyes.finder import RIGHT, Class, Found, Region
+from optipromp_eyes.geometry import ByGeometry, numbered
 from optipromp_eyes.needed import needed
 from optipromp_eyes.network import ByNetwork
 from optipromp_eyes.parameters import EyeParameters

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.scenes.pose import Pose
-from optipromp_eyes.finder import Found, Region, morphed, most_about, numbered
+from optipromp_eyes.finder import Found, Region, most_about
+from optipromp_eyes.geometry import morphed, numbered
 from optipromp_eyes.needed import opencv
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture

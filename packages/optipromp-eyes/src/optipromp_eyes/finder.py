@@ -1,6 +1,5 @@
 """What is in a picture: regions with a class. The door of every finder."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Literal, Protocol
@@ -8,13 +7,12 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, read_only
+from optipromp.core.arrays import BoolArray, IntArray, read_only
 from optipromp_eyes.needed import opencv
 from optipromp_eyes.pictures import DepthPicture
 
 Class = Literal["ripe", "unripe", "stem", "leaf"]
 MOST_REGIONS = 256  # of a picture: a choice; pictures of rows have up to 201
-SQUARE = np.ones((3, 3), dtype=bool)
 RIGHT = 0.96  # share of fruits whose ripeness finders tell right: of 1,500 rendered ones
 SUREST = 0.99  # probability of ripeness that one picture can tell: a choice
 MOST_FITS = 160  # regions that are fitted, which bounds time and memory: a choice
@@ -82,53 +80,6 @@ class Region:
         top, left = self.box[0].start - rows.start, self.box[1].start - columns.start
         out[top : top + self.part.shape[0], left : left + self.part.shape[1]] = self.part
         return (rows, columns), out
-
-
-def morphed(mask: BoolArray, name: str, kernel: BoolArray = SQUARE, times: int = 1) -> BoolArray:
-    """A mask (h, w) after ``ERODE``, ``OPEN`` or ``CLOSE``; no pixel beyond its border counts."""
-    cv, form = opencv(), kernel.astype(np.uint8)
-    out = cv.morphologyEx(
-        mask.astype(np.uint8), getattr(cv, f"MORPH_{name}"), form, iterations=times,
-        borderType=cv.BORDER_CONSTANT, borderValue=0,
-    )  # fmt: skip
-    return np.asarray(out, dtype=bool)
-
-
-def numbered(mask: BoolArray, sides: int = 4) -> IntArray:
-    """Numbers (h, w), from 1, of the islands of a mask, whose pixels share a side, or with 8
-    ``sides`` a corner; 0: none."""
-    cv = opencv()  # by SAUF the numbers ascend from the top left
-    out = cv.connectedComponentsWithAlgorithm(mask.astype(np.uint8), sides, cv.CV_32S, cv.CCL_SAUF)
-    return np.asarray(out[1])
-
-
-def without_holes(mask: BoolArray) -> BoolArray:
-    """A mask (h, w) and what it encloses."""
-    wide = np.pad(mask.astype(np.uint8), 1)
-    opencv().floodFill(wide, None, (0, 0), 2)  # what is outside
-    return np.asarray(wide[1:-1, 1:-1] != 2)
-
-
-def distance_in(mask: BoolArray) -> FloatArray:
-    """Distances (h, w) [pixel] of the pixels of a mask from the nearest that is none of it."""
-    cv = opencv()
-    far = cv.distanceTransform(mask.astype(np.uint8), cv.DIST_L2, cv.DIST_MASK_PRECISE)
-    return np.asarray(np.sqrt(np.rint(np.square(far, dtype=np.float64))))  # squares are whole
-
-
-def ellipse_of(mask: BoolArray) -> tuple[float, float, float]:
-    """Length, breadth and area [pixel] of the ellipse of the same spread as a mask (h, w)."""
-    m = opencv().moments(mask.astype(np.uint8), True)
-    one, two, both = (m[name] / max(m["m00"] - 1.0, 1.0) for name in ("mu20", "mu02", "mu11"))
-    apart = math.hypot(one - two, 2.0 * both)
-    long, broad = (4.0 * math.sqrt(max(0.5 * (one + two + s * apart), 0.0)) for s in (1.0, -1.0))
-    return long, broad, 4.0 * math.pi * math.sqrt(max(one * two - both**2, 1e-9))
-
-
-def middle_of(values: FloatArray) -> Any:
-    """The median of the first axis of a few values; sooner than by NumPy's."""
-    ordered, count = np.sort(values, axis=0), len(values)
-    return 0.5 * (ordered[(count - 1) // 2] + ordered[count // 2])
 
 
 def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:

@@ -22,7 +22,8 @@ from scipy.ndimage import find_objects, gaussian_filter
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
-from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about, numbered
+from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
+from optipromp_eyes.geometry import numbered
 from optipromp_eyes.needed import needed, opencv
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import MOST_SEEN, DepthPicture

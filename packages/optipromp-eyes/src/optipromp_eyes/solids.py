@@ -14,9 +14,9 @@ from scipy import ndimage
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.scenes.objects import SceneObject
-from optipromp_eyes.finder import Found, Region, distance_in, most_about, numbered
+from optipromp_eyes.finder import Found, Region, most_about
 from optipromp_eyes.fusing import Detection
-from optipromp_eyes.geometry import coloured
+from optipromp_eyes.geometry import coloured, distance_in, numbered
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture, Image8
 from optipromp_eyes.stems import FIRST_GAP, STEEPEST

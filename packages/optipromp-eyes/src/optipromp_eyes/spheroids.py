@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along
 from optipromp.core.compiled import kernel
-from optipromp_eyes.finder import Region, middle_of, morphed
-from optipromp_eyes.geometry import edge_of
+from optipromp_eyes.finder import Region
+from optipromp_eyes.geometry import edge_of, middle_of, morphed
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import DepthPicture
 

@@ -14,16 +14,8 @@ from optipromp.core.arrays import BoolArray, FloatArray, frame_along
 from optipromp.core.geometry.shapes import Cone
 from optipromp.core.scenes.objects import SceneObject
 from optipromp_eyes.doubts import steepness
-from optipromp_eyes.finder import (
-    Found,
-    Region,
-    ellipse_of,
-    morphed,
-    most_about,
-    numbered,
-    without_holes,
-)
-from optipromp_eyes.geometry import coloured, smooth
+from optipromp_eyes.finder import Found, Region, most_about
+from optipromp_eyes.geometry import coloured, ellipse_of, morphed, numbered, smooth, without_holes
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import CLOSEST, DepthPicture
 from optipromp_eyes.stems import Spheroid
