@@ -5,7 +5,7 @@ second, 60 ms late; a tracker makes fruits of them, and the controller hands the
 curve, 50 times a second, that replaces the running one. Any executor takes the controller in place
 of the simulated arm, and any camera that makes looks takes the place of the eye.
 
-    python examples/08_picking_loop.py    (needs the extra sim)
+    python examples/08_picking_loop.py    (needs the package optipromp-sim)
 """
 
 from optipromp_loop.control import Controller, LoopStage
