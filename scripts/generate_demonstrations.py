@@ -4,7 +4,8 @@
 
 Each is a smooth motion from near the robot's ready pose to a point under a random target, then
 straight in along the approach, as a person guiding the arm would do it. Writes
-``packages/optipromp/src/optipromp/core/promp/data/<robot>.npz`` (the same bytes for the same seed).
+``packages/optipromp/src/optipromp/core/promp/data/<robot>.npz``. The shipped files are of commit
+1a6a0b99: the inverse kinematics of today makes others of the same kind, and other plans with these.
 """
 
 from pathlib import Path

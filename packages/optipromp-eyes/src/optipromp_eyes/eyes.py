@@ -1,8 +1,9 @@
 """From a picture to detections with covariances, and to a scene that can be planned in."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 from scipy.ndimage import binary_dilation, gaussian_filter, uniform_filter
@@ -11,6 +12,8 @@ from scipy.spatial import cKDTree
 from optipromp.core.arrays import FloatArray, frame_along, lengths
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import Ellipsoid, Shape, Sphere
+from optipromp.core.planning.task import posed
+from optipromp.core.scenes.hand import flange_of
 from optipromp.core.scenes.held import pairs_among
 from optipromp.core.scenes.look import HIDDEN as BEHIND
 from optipromp.core.scenes.look import Look, points_of
@@ -24,7 +27,15 @@ from optipromp_eyes.fusing import Sighting as Sighting
 from optipromp_eyes.fusing import fused
 from optipromp_eyes.geometry import ByGeometry, coloured, edge_of, is_green, is_large, smooth
 from optipromp_eyes.parameters import EyeParameters, eyes_of
-from optipromp_eyes.pictures import CLOSEST, WORKSPACE, DepthPicture, Image8
+from optipromp_eyes.pictures import (
+    CLOSEST,
+    WORKSPACE,
+    CameraModel,
+    DepthPicture,
+    Image8,
+    load_picture,
+    placed,
+)
 from optipromp_eyes.solids import solids
 from optipromp_eyes.spheroids import NEAREST, Codes, Spheroid, all_fitted, claimed
 from optipromp_eyes.stems import DEPTH, FIRST_GAP, HIDDEN, LEAST, SeenStem, stem_of
@@ -123,6 +134,28 @@ def look_at(
     doubts = (*register, *told(doubted, [region for region, _ in good]), *posed)
     places = tuple(where for where, _ in solid)
     return Sighting(look, tuple(detections), found, doubts, places, picture)
+
+
+def look_as(scene: Scene, picture: DepthPicture, time: float) -> Look:
+    """What a picture shows to the eyes of a scene's crop at a ``time`` [s]."""
+    return look_at(picture, time, up=scene.up, parameters=eyes_of(scene.crop)).look
+
+
+def look_at_files(
+    rgb: Path, depth: Path, camera: object, scene: Scene, time: float,
+    arm: Callable[[float], FloatArray],
+) -> Look:  # fmt: skip
+    """What the picture of two files (:func:`load_picture`) shows to the eyes of a scene's crop.
+
+    ``camera``: the document of :meth:`CameraModel.from_document`. ``time``: of the exposure [s].
+    ``arm``: tells joint positions (n,) at a time; asked for a camera on the hand.
+
+    Raises:
+        InvalidRequestError: a file that cannot be used, or a camera whose place is not told.
+    """
+    model, step = CameraModel.from_document(camera, source := f"camera of {rgb}")
+    there = placed(model, source, lambda: flange_of(posed(scene)[0], arm(time)))
+    return look_as(scene, load_picture(rgb, depth, (there, step)), time)
 
 
 def _measured(

@@ -4,6 +4,7 @@ import io
 import json
 import math
 import re
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -272,6 +273,22 @@ def taken(rgb: Image8, depth: FloatArray, camera: CameraModel) -> DepthPicture:
     )
 
 
+def placed(camera: CameraModel, source: str, hand: Callable[[], Pose]) -> CameraModel:
+    """A camera of a document, in the robot's base.
+
+    ``hand``: tells where the flange was (``flange_of``); asked for a camera on it.
+
+    Raises:
+        InvalidRequestError: the document has no place of a camera in the base.
+    """
+    if camera.mount == "base" and camera.pose.is_identity:
+        raise InvalidRequestError(
+            f"{source}: must have position and orientation, of the camera in the robot's base; or "
+            "mount: hand, and both in the hand"
+        )
+    return camera.on(hand() if camera.mount == "hand" else None)
+
+
 def load_camera(path: Path) -> tuple[CameraModel, float]:
     """The camera of a JSON or YAML file, and a step of its depth [m]; see ``from_document``."""
     held = "a camera (width, height, fx, fy, cx, cy)"
@@ -279,7 +296,9 @@ def load_camera(path: Path) -> tuple[CameraModel, float]:
     return CameraModel.from_document(document, str(path))
 
 
-def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None) -> DepthPicture:
+def load_picture(
+    rgb: Path, depth: Path, camera: Path | tuple[CameraModel, float], hand: Pose | None = None
+) -> DepthPicture:
     """A picture of three files, :meth:`DepthPicture.thinned` if it is large.
 
     Args:
@@ -287,13 +306,13 @@ def load_picture(rgb: Path, depth: Path, camera: Path, hand: Pose | None = None)
         depth: 16-bit PNG or TIFF, or NPY of integers, whose steps are the camera's ``depth_scale``;
             or TIFF or NPY of floats [m], or NPZ with an array ``depth`` (height, width) [m]. NaN
             and infinite ones are not measured.
-        camera: JSON or YAML, see :meth:`CameraModel.from_document`.
+        camera: JSON or YAML, see :meth:`CameraModel.from_document`; or what that gives.
         hand: in the base frame; for a camera on it.
 
     Raises:
         InvalidRequestError: a file that is missing or cannot be read, or sizes that differ.
     """
-    model, scale = load_camera(camera)
+    model, scale = load_camera(camera) if isinstance(camera, Path) else camera
     if depth.suffix.lower() == ".npz":
         arrays = read_npz(depth)
         if "depth" not in arrays:

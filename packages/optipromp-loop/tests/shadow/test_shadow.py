@@ -10,14 +10,17 @@ import pytest
 from scripts.shadow_picks import Done, record
 from typer.testing import CliRunner
 
-from optipromp import plan, plan_pick, save_scene
+from optipromp import parts, plan, plan_pick, save_scene
 from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.measured import Measured, Series
+from optipromp.core.scenes.hand import flange_of
+from optipromp_eyes.pictures import picture_files
 from optipromp_loop.control import without_fruits
 from optipromp_loop.shadow.recording import Mark, closings, load_recorded, span_of
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation.photograph import PhotoParameters, photograph
 
 SCENE = generate("cluster", 110_000)
 ROBOT, START = posed(SCENE)
@@ -35,6 +38,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
+def changed(folder: Path, **change: object) -> Path:
+    """The recording after a change of its document."""
+    document = json.loads((folder / "shift.json").read_text()) | change
+    (folder / "changed.json").write_text(json.dumps(document))
+    return folder / "changed.json"
+
+
 Shadow = Callable[..., dict[str, Any]]
 
 
@@ -43,9 +53,7 @@ def shadow(folder: Path) -> Shadow:
     """What the command answers about the recording after a change of its document."""
 
     def run(*words: str, code: int = 0, **change: object) -> dict[str, Any]:
-        changed = json.loads((folder / "shift.json").read_text()) | change
-        (folder / "changed.json").write_text(json.dumps(changed))
-        asked = ["shadow", str(folder / "changed.json"), "--known", str(folder / "cell.yaml")]
+        asked = ["shadow", str(changed(folder, **change)), "--known", str(folder / "cell.yaml")]
         result = CliRunner().invoke(app, [*asked, "--json", *words])
         assert result.exit_code == code, result.output
         found: dict[str, Any] = json.loads(result.stdout)
@@ -87,6 +95,43 @@ def test_what_was_not_recorded_is_named_and_not_assumed(shadow: Shadow, folder: 
     assert shadow(looks=[], code=1)["summary"]["judged"] == 0
     assert "name the gripper's joint" in shadow(gripper=None, code=2)["message"]
     assert "'jaw'" in shadow(gripper="jaw", code=2)["message"]
+
+
+def test_pictures_in_files_are_looked_at_where_nothing_was_detected(
+    shadow: Shadow, folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = PhotoParameters(width=320, height=240, focal=240.0)
+    shot = photograph(SCENE, parameters=small)
+    for name, content in picture_files("a", shot.picture).items():
+        (folder / name).write_bytes(content)
+    lens = shot.picture.camera.document()
+    place = {key: lens.pop(key) for key in ("position", "orientation")}
+    times = [look["time"] for look in json.loads((folder / "shift.json").read_text())["looks"]]
+    files = {"rgb": "a.rgb.png", "depth": "a.depth.png"}
+    shown = [{"time": time, **files, "camera": place} for time in times]
+    seen = shadow(looks=None, pictures=shown, camera=lens)
+    assert [pick["harmful"] for pick in seen["picks"]] == [False, True]
+    assert seen["lacks"] == ["detections: by our eyes, in 2 of its pictures"]  # one a second
+    robot, state = posed(SCENE)
+    on_hand = flange_of(robot, state.q).inverse() @ shot.picture.camera.pose
+    held = {key: getattr(on_hand, key).tolist() for key in place} | {"mount": "hand"}
+    for camera in ("a.camera.json", lens | held):  # once in a file, and on the hand
+        alone = {"time": times[0], **files, "camera": camera}
+        (look,) = load_recorded(changed(folder, looks=None, pictures=[alone]), SCENE).looks
+        np.testing.assert_allclose(look.camera.position, shot.picture.camera.pose.position)
+        (ripe,) = (item for item in look.in_base() if item.role == "target")
+        assert np.linalg.norm(ripe.position - SCENE.target.position) < 0.01
+    for wrong, words in (
+        ({"depth": None}, "has no depth: name a file of it"),
+        ({"camera": lens}, "must have position and orientation, of the camera in the robot's base"),
+        ({"rgb": "b.png", "camera": lens | place}, "b.png: cannot be read"),
+        ({"camera": {}}, "width, height, fx, fy, cx, cy missing"),
+        ({"time": 1e4}, "after the newest joint states"),
+    ):
+        assert words in shadow(looks=None, pictures=[alone | wrong], code=2)["message"]
+    monkeypatch.setattr(parts, "added", lambda name: None)
+    message = shadow(looks=None, pictures=[alone], code=2)["message"]
+    assert "pip install -e packages/optipromp-eyes" in message
 
 
 def test_marks_cut_the_picks(shadow: Shadow, folder: Path) -> None:

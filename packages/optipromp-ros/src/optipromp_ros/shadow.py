@@ -11,8 +11,8 @@ from optipromp.core.planning.task import posed
 from optipromp.core.robots.measured import Series
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.scene import Scene
-from optipromp_eyes import look_at
-from optipromp_loop.shadow.recording import UNKNOWN_VIEW, Mark, Recording, recorded
+from optipromp_eyes.eyes import look_as
+from optipromp_loop.shadow.recording import CUT, UNKNOWN_VIEW, Mark, Recording, recorded
 from optipromp_ros.frames import TF, known_frames
 from optipromp_ros.images import SHOWN
 from optipromp_ros.live import DETECTIONS, meaning, read_detections
@@ -60,12 +60,12 @@ def load_picks(
         known = still if name in still else {name: where.at(name, stamp)}
         look = read_detections(item.message, known, meaning(roles), time=(stamp - origin) / NANO)
         looks.append(replace(look, view=UNKNOWN_VIEW) if name in still else look)
+    shown = list[Look]()
     if not seen and any(True for _ in read_bag(path, types=SHOWN)):
-        for one in bag_pictures(path, scene, prefix=prefix):
-            sight = look_at(one.picture, (one.stamp - origin) / NANO, up=scene.up)
-            looks.append(sight.look)
+        for one in bag_pictures(path, scene, every=CUT.looked, prefix=prefix):
+            shown.append(look_as(scene, one.picture, (one.stamp - origin) / NANO))
     if gripper is not None and not fingers:
         raise InvalidRequestError(f"{path}: no joint states name {gripper!r}, the gripper's joint")
     rows = np.array(sorted(fingers)).reshape(-1, 2)
     closing = Series((rows[:, 0] - origin) / NANO, rows[:, 1:]) if gripper else None
-    return recorded(arm, looks, closing, gripper, marks)
+    return recorded(arm, looks, closing, gripper, marks, shown)

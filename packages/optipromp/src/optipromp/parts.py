@@ -13,7 +13,7 @@ GIVEN = {
     "Paper": "paper", "PushCost": "paper", "beside_paper": "paper",
     "simulate": "sim", "mjcf": "sim",
     "study_report": "bench",
-    "foreseen": "loop",
+    "foreseen": "loop", "look_at_files": "eyes",
     "bag_pictures": "ros", "load_picks": "ros", "load_recording": "ros",
     "read_trajectory": "ros", "write_plan": "ros",
     "teaching_page": "page",

@@ -94,13 +94,15 @@ def test_check_tells_the_body_of_a_robot(tmp_path: Path, monkeypatch: pytest.Mon
     shown = dict(line.split(maxsplit=1) for line in invoke("check", path).stdout.splitlines()[1:])
     assert shown["links"] == "a, b, c, and 1 more (--json)"
     assert shown["joints"] == "ab, bc, cd"
-    assert (tmp_path / "out" / "cover.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("cover", "workspace"):
+        assert (tmp_path / "out" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_check_leaves_pictures_of_a_scene(tmp_path: Path, demonstrations: Path) -> None:
     done = invoke("check", "scenario-4", "--out", tmp_path)
     assert done.exit_code == 0, done.stderr
-    assert (tmp_path / "scene.png").read_bytes().startswith(b"\x89PNG")
+    for name in ("scene", "workspace"):
+        assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert b"</html>" in (tmp_path / "scene.html").read_bytes()[-200:].lower()
     other = ["check", str(demonstrations), "--out", str(tmp_path)]
     refused = invoke(*other)

@@ -1,6 +1,7 @@
 """Ways out of the plant: proposals, cheapest first, each with its speed."""
 
 from collections.abc import Iterator
+from copy import copy
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from optipromp.core.planning.options import DEFAULTS
 from optipromp.core.planning.result import REACH, RETREAT, Proposal, cheapest
 from optipromp.core.planning.task import tool_motion
 from optipromp.core.planning.ways import retreats, ways
+from optipromp.core.pushing.model import Prediction, Told
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import length
 from optipromp.core.scenes import Scene
@@ -88,10 +90,13 @@ def test_one_harm_is_of_the_whole_pick(slow: Picked) -> None:
     reach, out = slow.legs[REACH], slow.legs[RETREAT]
     assert out.harm > reach.harm > 0.0
     assert slow.failure == out.prediction.probability
-    model = retreat_model(reach)
+    model = copy(retreat_model(reach))
     tip, axis = (one[-1:] for one in reach.robot.tool_pose(reach.trajectory.positions))
-    stays = model.harm(np.repeat(tip, 3, 0), np.repeat(axis, 3, 0), model.states)
+    rest = np.repeat(tip, 3, 0), np.repeat(axis, 3, 0)
+    stays = model.harm(*rest, model.states)
     assert reach.harm <= stays < 0.5 * (reach.harm + out.harm)
+    model.way_in = Prediction(2.0, 0.65, lambda: Told("a", "is swallowed"))  # that is the more
+    assert str(model.predict(*rest)).startswith("harm is predicted: a is swallowed (harm 2.0")
 
 
 def test_ways_out_lead_away_from_the_tip_and_the_first_follows_the_reach(slow: Picked) -> None:

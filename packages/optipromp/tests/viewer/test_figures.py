@@ -13,7 +13,9 @@ from matplotlib.lines import Line2D
 
 from optipromp.core.geometry.shapes import Box
 from optipromp.core.planning import Plan, Term, plan
+from optipromp.core.planning.task import resolve
 from optipromp.core.promp import Basis, Demonstration, Demonstrations, fit
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import Trajectory
 from optipromp.looks.viewer import drawn
 from optipromp.looks.viewer.figures import (
@@ -24,6 +26,8 @@ from optipromp.looks.viewer.figures import (
     png,
     primitive_figure,
     reach_figure,
+    reached,
+    workspace_figure,
 )
 from optipromp.looks.viewer.reach import WORDS
 from optipromp_sim.generate import generate
@@ -166,6 +170,20 @@ def test_an_arm_that_stays_is_drawn(result: Plan) -> None:
         result, trajectory=still, initial=still, followed=still, first=1, prediction=None
     )
     assert "the arm stays at its start" in reach_figure(staying).get_suptitle()
+
+
+def test_a_workspace_has_what_the_arm_can_do_and_tells_a_goal_beyond_it(result: Plan) -> None:
+    robot = result.robot
+    share = np.random.default_rng(1).random((200, robot.n_joints))
+    points, axes = robot.tool_pose(robot.lower + share * (robot.upper - robot.lower))
+    assert reached(robot, points).mean() > 0.97
+    assert not reached(robot, points / np.linalg.norm(points, axis=1)[:, None] * 1.4).any()
+    within = [reached(robot, points[k : k + 1], axes[k])[0] for k in range(10)]
+    assert sum(within) >= 9
+    far = result.scene.each(lambda item: item.transformed(Pose(np.array([1.0, 0.0, 0.0]))))
+    figure = workspace_figure(robot, robot.home, resolve(far))
+    assert "goal, not reached" in [text.get_text() for text in figure.legends[0].get_texts()]
+    assert "no configuration within the joint limits" in figure.get_suptitle()
 
 
 def test_pictures_are_the_same_each_time(result: Plan) -> None:

@@ -334,18 +334,12 @@ def _load(asked: _Asked, known: "Scene") -> "DepthPicture":
         return asked.picture
     from optipromp.core.planning.task import posed
     from optipromp.core.scenes.hand import flange_of
-    from optipromp_eyes.pictures import load_camera, load_picture
+    from optipromp_eyes.pictures import load_camera, load_picture, placed
 
-    rgb, depth, camera = asked.files
-    hand, model = None, load_camera(camera)[0]
-    if model.mount == "base" and model.pose.is_identity:
-        raise InvalidRequestError(
-            f"{camera}: must have position and orientation, of the camera in the robot's base"
-        )
-    if model.mount == "hand":
-        robot, state = posed(known)
-        hand = flange_of(robot, state.q)
-    return load_picture(rgb, depth, camera, hand)
+    rgb, depth, file = asked.files
+    camera, step = load_camera(file)
+    there = placed(camera, str(file), lambda: flange_of(posed(known)[0], posed(known)[1].q))
+    return load_picture(rgb, depth, (there, step))
 
 
 def _answer(

@@ -112,12 +112,12 @@ def foreseen(pick: Picked, scene: Scene, shift: Displacement) -> float:
     if reach.task.underway.pushed is not None:  # before this reach was planned
         begun, turned = reach.task.underway.pushed
         points, axes = np.vstack([begun, points]), np.vstack([turned, axes])
-    harm = model.harm(*spaced(points, axes), model.states)
+    way_in = model.predict(*spaced(points, axes))
     full = full_model(now, held(now)[1]) if RETREAT in legs else None
     if full is None:
-        return harm / model.threshold
+        return way_in.harm / model.threshold
     out = legs[RETREAT].trajectory
-    leaving = Leaving(full, *spaced(points, axes), harm)
+    leaving = Leaving(full, *spaced(points, axes), way_in)
     leaving = leaving.at(among_fruits(reach.robot, out, scene.pushables))
     return leaving.harm(*spaced(*moved(out, 0)), leaving.states) / leaving.threshold
 

@@ -16,6 +16,7 @@ from optipromp.looks import reports
 from optipromp.looks.viewer.figures import png
 from optipromp.looks.viewer.reach import reach_figure
 from optipromp.looks.viewer.sentences import complaint, sentences
+from optipromp.looks.viewer.words import seconds
 from optipromp_loop.shadow.compared import Shadowed, push_of
 from optipromp_loop.shadow.recording import Recording
 
@@ -72,7 +73,7 @@ def shadow_page(name: str, recording: Recording, picks: Sequence[Shadowed], comm
         ("picks expected not to be clean, of those that both try",
          *(f"{chance:.1f}" for chance in told["unclean"].values())),
         ("reach + way out, median", _times(times["recorded"]), _times(times["ours"])),
-        ("planning, median", "", _times([times["planning"]])),
+        ("planning, median", "", seconds(t) if (t := times["planning"]) else "–"),
     ]  # fmt: skip
     lacks = [("not recorded", words) for words in recording.lacks]
     read = [("picks were cut", recording.cut), ("looks", str(len(recording.looks))), *lacks]
@@ -93,22 +94,23 @@ def shadow_page(name: str, recording: Recording, picks: Sequence[Shadowed], comm
     return reports.page(title, parts)
 
 
-HEAD = "pick", "at", "recorded", "our planner", "paths apart", "reach + way out", "ours"
+HEAD = "pick, at", "recorded; reach + way out", "our planner", "paths apart"
 
 
 def _times(values: Sequence[float | None]) -> str:
-    """Times [s] one after the other; – for one that is not known."""
+    """Times [s] one after the other, on one line; – for one that is not known."""
     known = ("–" if t is None or math.isnan(t) else f"{t:.1f} s" for t in values)
-    return " + ".join(known)
+    return " + ".join(known).replace(" ", "\N{NO-BREAK SPACE}")
 
 
 def _row(one: Shadowed) -> tuple[str, ...]:
-    first = str(one.number), f"{one.closed:.1f} s"
+    first = f"{one.number}, {_times([one.closed])}"
     if one.theirs is None:
-        return *first, f"not judged: {one.why}"
-    ours = "would not try" if one.tried is None else _harm(one.tried)
+        return first, f"not judged: {one.why}"
+    recorded, ours = map(_times, one.seconds.tolist())
+    tried = "would not try" if one.tried is None else f"{_harm(one.tried)}; {ours}"
     apart = "–" if math.isnan(one.apart) else f"{1e3 * one.apart:.0f} mm"
-    return *first, _harm(one.theirs), ours, apart, *map(_times, one.seconds.tolist())
+    return first, f"{_harm(one.theirs)}; {recorded}", tried, apart
 
 
 def _harm(made: Picked) -> str:

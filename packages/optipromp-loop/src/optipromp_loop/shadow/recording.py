@@ -3,6 +3,7 @@
 A recording is a JSON or YAML file with a table (``docs/shadow.md``), or a bag of ROS 2.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -43,6 +44,7 @@ class CutParameters(Checked):
     longest: float = parameter(120.0, "s", "choice", "from a grasp to the pick's begin or end")
     closes: float = parameter(0.2, "1", "choice", "share of the gripper's range that closes it")
     opens: float = parameter(0.1, "1", "choice", "share below which it is open again")
+    looked: float = parameter(1.0, "s", "choice", "from a picture to the next that is looked at")
 
 
 CUT = CutParameters()
@@ -85,10 +87,19 @@ class _Look(Model):
     view: float = 1.2
 
 
+class _Picture(Model):
+    time: float
+    rgb: str
+    depth: str | None = None
+    camera: dict[str, Any] | str | None = None
+
+
 class _File(Model):
     joint_states: str = "states.csv"
     gripper: str | None = None
     looks: list[_Look] | None = None
+    pictures: list[_Picture] | None = None
+    camera: dict[str, Any] | str | None = None
     picks: list[Mark] | None = None
 
 
@@ -120,7 +131,8 @@ def load_recorded(
             arm.heard(time, list(numbers), q)
         closing = None if gripper is None else Series(times, numbers[gripper][:, None])
         looks = [_look(look) for look in file.looks or ()]
-        return recorded(arm, looks, closing, gripper, stated or file.picks)
+        seen = [] if looks else list(_seen(file, path, scene, arm))
+        return recorded(arm, looks, closing, gripper, stated or file.picks, seen)
 
 
 def _read(path: Path) -> _File:
@@ -131,10 +143,11 @@ def _read(path: Path) -> _File:
 
 def recorded(
     arm: Measured, looks: Sequence[Look], closing: Series | None, gripper: str | None,
-    stated: Sequence[Mark] | None,
+    stated: Sequence[Mark] | None, seen: Sequence[Look] = (),
 ) -> Recording:  # fmt: skip
     """A recording, whose picks are cut by what is ``stated``, else where the gripper closes: its
-    joint (T, 1), ``closing``, is named ``gripper``; None: it was not recorded."""
+    joint (T, 1), ``closing``, is named ``gripper``; None: it was not recorded. ``seen``: what the
+    eyes saw in its pictures, where there are no ``looks``."""
     arm.series()  # tells what is missing
     if stated is None and closing is None:
         raise InvalidRequestError(
@@ -146,8 +159,10 @@ def recorded(
         cut = f"where {gripper} closes; its first value counts as open"
         stated = [Mark(closed=time) for time in closings(closing)]
     if not looks:
-        lacks.append("detections: no pick can be judged")
-    elif not any(item.stem for look in looks for item in look.detections):
+        told = f"by our eyes, in {len(seen)} of its pictures" if seen else "no pick is judged"
+        lacks.append(f"detections: {told}")
+        looks = seen
+    if looks and not any(item.stem for look in looks for item in look.detections):
         lacks.append("stems: each fruit is taken to hang from one that leads upwards")
     if blind := sum(look.view == UNKNOWN_VIEW for look in looks):
         told = f"where the camera was, in {blind} of {len(looks)} looks"
@@ -163,6 +178,32 @@ def _look(given: _Look) -> Look:
     here = camera.inverse()
     items = (item if there else item.transformed(here) for item, there in made)
     return Look(given.time, camera, tuple(items), view)
+
+
+def _seen(file: _File, path: Path, scene: Scene, arm: Measured) -> Iterator[Look]:
+    """What the eyes see in a file's pictures, at one in ``CUT.looked``; what a picture's camera
+    states counts before what that of the file does."""
+
+    def named(name: str) -> Path:
+        return check_inside(path.parent / name, path.parent, InvalidRequestError)
+
+    def camera(given: dict[str, Any] | str | None) -> Any:
+        if isinstance(given, str):
+            return read_document(named(given), InvalidRequestError, "a camera")
+        return given or {}
+
+    last = -math.inf
+    for one in sorted(file.pictures or (), key=lambda one: one.time):
+        if one.time < last + CUT.looked:
+            continue
+        last = one.time
+        if one.depth is None:
+            raise InvalidRequestError(
+                f"picture {one.rgb} has no depth: name a file of it (depth: a.depth.png), which is "
+                "registered to the colours, or state the detections as looks"
+            )
+        both = {**camera(file.camera), **camera(one.camera)}
+        yield part("look_at_files")(named(one.rgb), named(one.depth), both, scene, one.time, arm.at)
 
 
 def closings(joint: Series) -> Iterator[float]:

@@ -120,8 +120,9 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
 
     Args:
         item (ITEM): A scene or a robot, by a path or a built-in name; or another file or folder.
-        out (DIR): Leave pictures there: of a robot cover.png, its body spheres; of a scene
-            scene.png, and scene.html to turn (extra 'view').
+        out (DIR): Leave pictures there: workspace.png, where the tool gets from the base; of a
+            robot cover.png, its body spheres; of a scene scene.png, and scene.html to turn (extra
+            'view').
     """
     kind, named = kind_of(item), arm.of(None)
     if kind is Kind.ROBOT:
@@ -131,9 +132,12 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
             robot, found = load_arm(item, choice=named.choice)
         summary = _robot(robot, found)
         if out is not None:
-            from optipromp.looks.viewer.figures import cover_figure, png
+            from optipromp.looks.viewer.figures import cover_figure, png, workspace_figure
 
-            files.write_together(out, {"cover.png": png(cover_figure(robot))})
+            with waiting("drawing"):
+                reach = png(workspace_figure(robot, robot.home))
+                pictures = {"cover.png": png(cover_figure(robot)), "workspace.png": reach}
+                files.write_together(out, pictures)
     elif named:
         raise InvalidRequestError(
             f"{item} is no robot but a {kind}: no --arm, --tip, --base, --srdf, --package-dir or "

@@ -241,11 +241,11 @@ class Measured:
             last = max((float(one.times[-1]) for one in parts), default=math.inf)
             if time > last:
                 raise InvalidRequestError(
-                    f"header.stamp is {time - last:.3f} s after the newest joint states: must be "
+                    f"the stamp is {time - last:.3f} s after the newest joint states: must be "
                     f"{held:g} s at most, by the same clock"
                 )
             raise InvalidRequestError(
-                f"where the arm was is unknown: header.stamp is in no part of {self.what}: joint "
+                f"where the arm was is unknown: the stamp is in no part of {self.what}: joint "
                 "states must come first, by the same clock"
             )
         near = [one for one in near if one.times[0] <= time <= one.times[-1]] or near

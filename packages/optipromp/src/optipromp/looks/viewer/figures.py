@@ -5,24 +5,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import cKDTree
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import BoolArray, FloatArray, frame_along, lengths
 from optipromp.core.budget import Budget
 from optipromp.core.judging import RATES, Violation
-from optipromp.core.planning import Picked, Plan, Term
+from optipromp.core.planning import Picked, Plan, Term, goals
 from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.plan import plan as make_plan
 from optipromp.core.planning.result import Planned
-from optipromp.core.planning.task import Task
+from optipromp.core.planning.task import Task, resolve
 from optipromp.core.promp import Demonstrations, ProMP
+from optipromp.core.robots import ik
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene
+from optipromp.core.scenes.scene import JointGoal, Scene
 from optipromp.core.trajectory import Trajectory, chained
-from optipromp.looks.appearance import arm_parts
-from optipromp.looks.viewer.drawn import FOLLOWED, OPTIMISED, PRIMITIVE, RED, motions
+from optipromp.looks.appearance import arm_parts, hex_colour, scene_parts
+from optipromp.looks.viewer.drawn import (
+    FOLLOWED,
+    GREEN,
+    OPTIMISED,
+    PRIMITIVE,
+    RED,
+    motions,
+)
 from optipromp.looks.viewer.reach import reach_figure, title
 
 if TYPE_CHECKING:
@@ -282,6 +292,11 @@ SOLID = "#9aa0a8"
 _VIEWS = ((0, 2), (1, 2), (0, 1))
 _SIZE, _TICKS = 5.0, 6  # [inch] of a view; ticks where it is as wide as high
 _COLOURS = ("#2f6db3", "#c8662b", "#3f8f4f")  # of neighbouring links
+PALE, FULL, DARK = "#dfeaf5", "#a9cbe8", "#656d77"
+_CELLS, _TRIED, _NEAR = 45, 20_000, 6
+"""Of a section of a workspace: points on a side, random configurations, and those of them from
+which descents begin to a point; choices."""
+_MET = 1e-3  # [m] error of a descent below which a point is reached: a choice
 
 
 def cover_figure(robot: Robot) -> Figure:
@@ -290,19 +305,13 @@ def cover_figure(robot: Robot) -> Figure:
     from matplotlib.figure import Figure
 
     centers, radius = robot.sphere_centers(robot.home), np.asarray(robot.spheres.radius)
-    origins, rotations = robot.segment_frames(robot.home)
-    surface: list[FloatArray] = []
-    for part in arm_parts(robot):
-        if part.segment >= 0:
-            part = part.placed(origins[part.segment], rotations[part.segment])
-        surface += list(part.vertices[part.faces])
+    surface = _surface(robot, robot.home)
     colours = [_COLOURS[link % len(_COLOURS)] for link in robot.spheres.link]
     figure = Figure(figsize=(len(_VIEWS) * _SIZE, _SIZE), layout="constrained", facecolor="white")
     for axes, view in zip(figure.subplots(1, len(_VIEWS)), _VIEWS, strict=True):
-        solid = PolyCollection(
-            [face[:, view] for face in surface], facecolors=SOLID, linewidths=0.0
+        axes.add_collection(
+            PolyCollection(list(surface[..., view]), facecolors=SOLID, linewidths=0.0)
         )
-        axes.add_collection(solid)
         axes.add_collection(
             EllipseCollection(
                 2.0 * radius, 2.0 * radius, np.zeros(len(radius)), units="xy",
@@ -319,6 +328,86 @@ def cover_figure(robot: Robot) -> Figure:
     count, most = len(radius), max(robot.excess.values(), default=0.0)
     reach = f", at most {1000.0 * most:.0f} mm beyond the links" if robot.excess else ""
     figure.suptitle(f"{robot.name}: {count} body spheres{reach}")
+    return figure
+
+
+def _surface(robot: Robot, q: FloatArray) -> FloatArray:
+    """Triangles (m, 3, 3) of the looks of an arm at ``q`` (n,)."""
+    origins, turns = robot.segment_frames(q)
+    parts = (
+        part if (k := part.segment) < 0 else part.placed(origins[k], turns[k])
+        for part in arm_parts(robot)
+    )
+    return np.concatenate([part.vertices[part.faces] for part in parts])
+
+
+def _tries(robot: Robot) -> FloatArray:
+    """Random configurations (m, n) within the joint limits."""
+    finite = np.isfinite(robot.lower) & np.isfinite(robot.upper)
+    low, high = np.where(finite, [robot.lower, robot.upper], [[-np.pi], [np.pi]])
+    return np.asarray(low + (high - low) * ik.uniform(0, (_TRIED, robot.n_joints)))
+
+
+def reached(robot: Robot, points: FloatArray, axis: FloatArray | None = None) -> BoolArray:
+    """Which points (m, 3) the tool point gets to within the joint limits; with an ``axis`` (3,),
+    those where the tool axis is along it. Nothing is in the way. Descents begin at the nearest
+    poses of many random configurations."""
+    q = _tries(robot)
+    at, along = robot.tool_pose(q)
+    lever, wanted = (0.0, np.zeros(3)) if axis is None else (ik.AXIS_LENGTH, axis)
+    asked = np.hstack([points, np.tile(lever * wanted, (len(points), 1))])
+    near = cKDTree(np.hstack([at, lever * along])).query(asked, _NEAR)[1].ravel()
+    axes = along[near] if axis is None else np.tile(axis, (len(near), 1))
+    errors = ik.each(robot, np.repeat(points, _NEAR, axis=0), axes, q[near])[1]
+    return np.asarray(errors.reshape(-1, _NEAR).min(axis=1) < _MET)
+
+
+def workspace_figure(robot: Robot, q: FloatArray, task: Task | None = None) -> Figure:
+    """Two sections through the workspace of an arm that stands at ``q`` (n,): upright through its
+    base and the goal of the ``task``, and level through the goal; without a task its tool point is
+    the goal. Pale is where the tool point gets, strong where it does with the tool axis of the
+    goal (:func:`reached`). The arm and the objects are drawn whole."""
+    from matplotlib.collections import PolyCollection
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    up, blocked, shown = np.eye(3)[2], "", [(DARK, _surface(robot, q))]
+    start, _ = at, axis = robot.tool_pose(q)
+    if task is not None:
+        if isinstance(goal := task.goal, JointGoal):
+            at, axis = robot.tool_pose(goal.joints)
+        else:
+            at, axis = goal.position, axis if goal.axis is None else goal.axis
+        up, blocked = np.asarray(task.scene.up), goals.choose(task, 0)[1]
+        drawn = {item.id for item in task.scene.objects if np.isfinite(item.radius)}
+        parts = [part for part in scene_parts(task.scene) if part.owner in drawn]
+        shown += [(hex_colour(part.colour), part.vertices[part.faces]) for part in parts]
+    flat = at - (at @ up) * up
+    level = flat / norm if (norm := np.linalg.norm(flat)) > _MET else frame_along(up)[:, 0]
+    far = 1.05 * float(lengths(robot.tool_pose(_tries(robot))[0]).max())
+    line = np.linspace(-far, far, _CELLS)
+    across, other = np.meshgrid(line, line)
+    figure = Figure(figsize=(2 * _SIZE, _SIZE + 0.6), layout="constrained", facecolor="white")
+    for axes, second, through, name in zip(
+        figure.subplots(1, 2), (up, np.cross(up, level)), (np.zeros(3), (at @ up) * up),
+        ("height above the base", "to the left of that line"), strict=True,
+    ):  # fmt: skip
+        points = (through + across[..., None] * level + other[..., None] * second).reshape(-1, 3)
+        for colour, along in ((PALE, None), (FULL, axis)):
+            met = reached(robot, points, along).reshape(across.shape)
+            axes.contourf(line, line, 1.0 * met, [0.5, 1.5], colors=[colour])
+        view = np.stack([level, second], axis=1)
+        for colour, faces in shown:
+            axes.add_collection(PolyCollection(faces @ view, facecolors=colour))
+        axes.plot(*(start @ view), "o", color="black", label="tool point at the start")
+        if task is not None:
+            colour, mark, said = (RED, "X", "not reached") if blocked else (GREEN, "P", "reached")
+            axes.plot(*(at @ view), mark, color=colour, ms=8, mec="white", label=f"goal, {said}")
+        axes.set(aspect="equal", xlabel="away from the base [m]", ylabel=f"{name} [m]")
+    shades = Patch(color=PALE, label="within reach"), Patch(color=FULL, label="along the axis too")
+    handles = [*axes.get_legend_handles_labels()[0], *shades]
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
+    figure.suptitle(fill(f"{robot.name}: {blocked or 'its workspace'}", 100), fontsize=11)
     return figure
 
 
@@ -343,8 +432,11 @@ def scene_figure(scene: Scene) -> Figure:
 
 
 def scene_pictures(scene: Scene) -> dict[str, bytes]:
-    """``scene.png``, and ``scene.html`` (3-D, without a network) where viser is installed."""
+    """``scene.png``, ``workspace.png``, and ``scene.html`` (3-D, without a network) where viser is
+    installed."""
+    task = resolve(scene)
     out = {"scene.png": png(scene_figure(scene))}
+    out["workspace.png"] = png(workspace_figure(task.robot, task.start, task))
     if find_spec("viser") is not None:
         from optipromp.looks.viewer.serving import scene_page
 

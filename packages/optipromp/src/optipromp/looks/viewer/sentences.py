@@ -16,7 +16,8 @@ def complaint(found: Plan | Picked | OptiPrompError) -> str:
     """A failure in one line; empty for a success."""
     if isinstance(found, OptiPrompError):
         return f"{head(found.code)}: {without_codes(' '.join(found.message.split()))}"
-    return "" if found.success else f"{head(found.status)}: {without_codes(found.message)}"
+    told = without_codes(found.message).replace("harm is predicted: ", "")  # as the head says
+    return "" if found.success else f"{head(found.status)}: {told}"
 
 
 def sentences(made: Plan | Picked, shifts: Mapping[str, float]) -> tuple[str, ...]:

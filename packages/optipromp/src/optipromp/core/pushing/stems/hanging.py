@@ -19,7 +19,15 @@ from optipromp.core.compiled import kernel
 from optipromp.core.geometry import signed_distance
 from optipromp.core.geometry.obstacles import Obstacles, near
 from optipromp.core.pushing import rules
-from optipromp.core.pushing.model import Candidates, Guided, Moved, PushModel, Round, Schedule
+from optipromp.core.pushing.model import (
+    Candidates,
+    Guided,
+    Moved,
+    Prediction,
+    PushModel,
+    Round,
+    Schedule,
+)
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import STEP, ToolPath, through
 from optipromp.core.pushing.stems import bending, kept_states, swinging
@@ -313,14 +321,14 @@ class Hanging(PushModel):
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; all swallowed fruits are named, before a missed target."""
         told = range(self.searched, self.searched + min(self.states, HANGING.causes))
-        worst = max(
-            (self.led(state, points, axes) for state in told),
-            key=lambda push: swinging.score_of(*push.harm) + push.pulls.max() / PUSH.harm.pull,
+        state, worst = max(
+            ((state, self.led(state, points, axes)) for state in told),
+            key=lambda one: swinging.score_of(*one[1].harm) + one[1].pulls.max() / PUSH.harm.pull,
         )
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > PUSH.harm.inside_time:
-            some, (points, axes, dt) = self._steps(0, 1, points, axes)
+            some, (points, axes, dt) = self._steps(state, 1, points, axes)
             within = steps_inside(worst.positions, points, axes, self.cup, some)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
@@ -431,17 +439,20 @@ class Leaving(Guided):
     The harm is that of the way out alone, from rest where the way in has led all fruits.
 
     ``model``: of the scene before the push. ``points``, ``axes``: (P, 3) of the tool on its way in.
-    ``least``: harm of that way, part of every harm: the threshold is of the whole pick.
+    ``way_in``: prediction of that way, whose harm is part of every harm: the threshold is of the
+    whole pick.
     """
 
     speed = HANGING.speed  # of the tool among fruits on the way out [m/s]
 
     def __init__(
-        self, model: Hanging, points: FloatArray, axes: FloatArray, least: float = 0.0
-    ) -> None:
+        self, model: Hanging, points: FloatArray, axes: FloatArray,
+        way_in: Prediction | None = None,
+    ) -> None:  # fmt: skip
         super().__init__(model)
         known = model.calibration is PUSH.known
-        self.calibration, self.least = PUSH.known_out if known else PUSH.detected_out, least
+        self.calibration = PUSH.known_out if known else PUSH.detected_out
+        self.way_in = way_in or Prediction(0.0, math.inf)
         self.threshold = self.calibration.allowed(model.risk)
         self.states = model.states // 2  # measured: 12 of 24 tell as well, docs/decisions.md
         self._going = after(model, points, axes, max(self.states, model.searched + 1))
@@ -463,10 +474,14 @@ class Leaving(Guided):
         self, points: FloatArray, axes: FloatArray, states: int, limit: float = np.inf
     ) -> float:
         going = departing(self._going, self.speed)
-        return self.least + going.harm(points, axes, states, limit - self.least)
+        least = self.way_in.harm
+        return least + going.harm(points, axes, states, limit - least)
 
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
-        return departing(self._going, self.speed).cause(points, axes)
+        going = departing(self._going, self.speed)
+        if self.way_in.harmful and going.harm(points, axes, self.states) < self.way_in.harm:
+            return self.way_in.object, self.way_in.cause
+        return going.cause(points, axes)
 
     def forces(self, points: FloatArray, axes: FloatArray) -> dict[str, float]:
         return departing(self._seen, self.speed).forces(points, axes)
@@ -540,7 +555,8 @@ def fingers_of(scene: Scene, tool: Tool) -> tuple[float, ...]:
         return ()
     if isinstance(unmounted(tool), Scissor) and target is not None and scene.approach.shift.any():
         balls = bending.hanging_balls(target)
-        cut = balls.apart + balls.above
+        nodes = (item.stem.root for item in scene.taken[1:] if item.stem is not None)
+        cut = max([balls.apart + balls.above, *(math.dist(one, balls.center) for one in nodes)])
     palm = [solid.corners for solid in tool.solids() if solid.part == "palm"]
     x, y, z = ((np.concatenate(palm) - tool.point) @ tool.rotation).T if palm else np.zeros((3, 1))
     sizes = float(np.abs(x).max()), float(np.abs(y).max()), float(z.min())
