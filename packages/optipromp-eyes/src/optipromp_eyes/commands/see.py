@@ -112,7 +112,8 @@ def see(
     made = {EyeParameters(): finder_named(finder, model)}  # refused before anything is read
     if boxes is not None and (finder or model or bag):
         raise InvalidRequestError("--boxes goes without --finder, --model and --bag")
-    things = boxes and of_coco(read_document(boxes, InvalidRequestError, "COCO"), str(boxes))
+    marked = None if boxes is None else read_document(boxes, InvalidRequestError, "COCO")
+    things = None if marked is None else of_coco(marked, str(boxes))
     grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
