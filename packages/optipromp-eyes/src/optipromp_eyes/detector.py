@@ -24,8 +24,7 @@ from optipromp_eyes.pictures import MOST_PIXELS, DepthPicture, Image8
 KNOWN: Mapping[str, Class] = {kind: kind for kind in get_args(Class)}
 BAND = 0.03  # [m] least depth about the middle of a box that is its fruit: as of strawberries
 THIN = 0.01  # [m] the same about the nearest fifth of a stem's box: a choice
-CORE = 0.6  # share of a box's width and height, about its middle, that tells its depth: a choice
-# (of 0.3, a stem that crosses the middle of a small fruit was more than half)
+CORE = 0.6  # share of a box's sides, about its middle, that tells its depth; of 0.3, half was stem
 
 
 @dataclass(frozen=True, eq=False)
