@@ -13,7 +13,7 @@ from optipromp.core.planning.options import Timed
 from optipromp.core.planning.task import Task
 from optipromp.core.planning.timing import paced, shortest, slowly
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.scenes.scene import Scene, obstacles_of
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 
 STEP = 0.045  # [rad or m] between the waypoints of a timed path, as ours has
@@ -64,15 +64,13 @@ class Checker:
     """Our collision checker for one configuration, on the kernels of the planning loop.
 
     What must not touch is what the judge asks: any part of the robot and static objects; B_d (all
-    links but the last and the tool) and the other objects; links that are not neighbours. With
-    ``fruits`` the last link and the tool may not touch pushables either.
+    links but the last and the tool) and the other objects; links that are not neighbours.
     """
 
-    def __init__(self, setup: Task, fruits: bool) -> None:
-        self.setup, self.fruits = setup, fruits
+    def __init__(self, setup: Task) -> None:
+        self.setup = setup
         self.evaluation = Evaluation(setup.robot, setup.body, 1, 1.0)
         self.proximal = ~np.asarray(setup.body.distal)
-        self.pushables = obstacles_of(setup.scene, "pushable")
 
     def __call__(self, q: FloatArray) -> bool:
         """Whether the robot at ``q`` (n,) touches nothing that it must not."""
@@ -84,8 +82,4 @@ class Checker:
         e.dynamic.measure(e, around.dynamic, around.shared, 0.0)
         if e.dynamic.distance[:, self.proximal].min(initial=0.0) < 0.0:
             return False
-        if self.fruits and len(self.pushables.kind):
-            e.dynamic.measure(e, self.pushables, len(self.pushables.kind), 0.0)
-            if e.dynamic.distance.min(initial=0.0) < 0.0:
-                return False
         return not self_overlap(e, 0.0).any()

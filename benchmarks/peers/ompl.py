@@ -71,12 +71,8 @@ def grown(
     return np.array([values(at) for at in search.getSolutionPath().getStates()])
 
 
-def rrt_connect(fruits: bool) -> Planner:
+def rrt_connect() -> Planner:
     """RRT-Connect to our goal configurations, on our collision checker.
-
-    Args:
-        fruits: whether pushables are obstacles to the whole robot; else only to all but the last
-            link and the tool, which may push.
 
     Raises:
         NotAvailableError: OMPL is not installed.
@@ -87,10 +83,10 @@ def rrt_connect(fruits: bool) -> Planner:
     def solve(scene: Scene, seed: int) -> Answer:
         setup = resolve(scene)
         goals = goal_configurations(setup, seed)
-        free = Checker(setup, fruits)
+        free = Checker(setup)
         ends = [goal for goal in goals if free(goal)]
         if not ends:
-            return Answer(None, "every goal configuration touches a fruit" if fruits else "no goal")
+            return Answer(None, "no goal")
         path = grown(setup, ends, free, seed)
         if path is None:
             return Answer(None, f"no path within {LONGEST:g} s")

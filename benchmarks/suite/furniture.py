@@ -53,7 +53,7 @@ def furniture(context: Context) -> Values:
     warm_up()
     peer, absent = None, ""
     try:
-        peer = ompl.rrt_connect(False)
+        peer = ompl.rrt_connect()
     except NotAvailableError as error:
         absent = str(error)
     out: dict[str, Value] = {}

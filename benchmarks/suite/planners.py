@@ -45,10 +45,7 @@ PEERS: dict[str, tuple[str, Callable[[], Planner]]] = {
         lambda: ours("chomp"),
     ),
     "OMPL RRT-Connect": (
-        "our collision checker and goals; the tool may push", lambda: ompl.rrt_connect(False)
-    ),
-    "OMPL RRT-Connect, fruits are obstacles": (
-        "the same, but nothing may touch a pushable", lambda: ompl.rrt_connect(True)
+        "our collision checker and goals; the tool may push", ompl.rrt_connect
     ),
 }  # fmt: skip
 
@@ -156,7 +153,7 @@ def _register(label: str, about: str, make: Callable[[], Planner]) -> None:
         return beside(label, make, context)
 
     run.__doc__ = f"{label}: {about}."
-    name = "planner-" + label.lower().replace(",", "").replace(" ", "-")
+    name = "planner-" + label.lower().replace(" ", "-")
     SUITE.benchmark(name, metrics_of(label, about))(run)
 
 
