@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.evaluation import Case, Program, near_obstacles, panda_with_cup, reach
-from benchmarks.peers.common import Answer
+from benchmarks.peers import Answer
 from benchmarks.registry import SUITE, Context
 from benchmarks.run import apart, load_suite
 from benchmarks.suite.planners import Score, ours

@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed
-from benchmarks.peers.ompl import grown
+from benchmarks.peers import grown
 from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
 from optipromp.core.errors import OptiPrompError

@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from benchmarks.furniture import FURNITURE, generate
-from benchmarks.peers import ompl
+from benchmarks.peers import rrt_connect
 from benchmarks.registry import (
     RATIO,
     SUITE,
@@ -53,7 +53,7 @@ def furniture(context: Context) -> Values:
     warm_up()
     peer, absent = None, ""
     try:
-        peer = ompl.rrt_connect()
+        peer = rrt_connect()
     except NotAvailableError as error:
         absent = str(error)
     out: dict[str, Value] = {}

@@ -10,8 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.peers import ompl
-from benchmarks.peers.common import Answer, Planner
+from benchmarks.peers import Answer, Planner, rrt_connect
 from benchmarks.registry import RATIO, SUITE, Absent, Context, Measured, Metric, Value, Values
 from benchmarks.scenes import groups
 from benchmarks.timing import median, paired_ratio
@@ -45,7 +44,7 @@ PEERS: dict[str, tuple[str, Callable[[], Planner]]] = {
         lambda: ours("chomp"),
     ),
     "OMPL RRT-Connect": (
-        "our collision checker and goals; the tool may push", ompl.rrt_connect
+        "our collision checker and goals; the tool may push", rrt_connect
     ),
 }  # fmt: skip
 
