@@ -5,7 +5,6 @@ It is a peer of the suite, called as its user would call it, and an entry of the
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
@@ -139,25 +138,15 @@ class Checker:
         return not self_overlap(e, 0.0).any()
 
 
-def rrt_connect() -> Planner:
-    """RRT-Connect to our goal configurations, on our collision checker.
-
-    Raises:
-        NotAvailableError: OMPL is not installed.
-    """
-    if find_spec("ompl") is None:
-        raise NotAvailableError(WANTED)
-
-    def solve(scene: Scene, seed: int) -> Answer:
-        setup = resolve(scene)
-        found, touching = goals.choose(setup, seed)  # a part of its time
-        free = Checker(setup)
-        ends = [goal for goal in found if not touching and free(goal)]
-        if not ends:
-            return Answer(None, "no goal")
-        path = grown(setup, ends, free, seed)
-        if path is None:
-            return Answer(None, f"no path within {LONGEST:g} s")
-        return Answer(timed(setup, path))
-
-    return solve
+def rrt_connect(scene: Scene, seed: int) -> Answer:
+    """RRT-Connect to our goal configurations, on our collision checker; raises as :func:`grown`."""
+    setup = resolve(scene)
+    found, touching = goals.choose(setup, seed)  # a part of its time
+    free = Checker(setup)
+    ends = [goal for goal in found if not touching and free(goal)]
+    if not ends:
+        return Answer(None, "no goal")
+    path = grown(setup, ends, free, seed)
+    if path is None:
+        return Answer(None, f"no path within {LONGEST:g} s")
+    return Answer(timed(setup, path))
