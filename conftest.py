@@ -66,7 +66,7 @@ LONG = {
         "covers crops disturbances export grasps hand live_camera loop loop_film physics "
         "pictures rich runs second_engine tools trusses"
     ),
-    ".": "benchmarks_suite coco fit_eyes kernel_cache new_user plan_folders",
+    ".": "benchmarks_suite coco fit_eyes kernel_cache page_commands plan_folders",
     "viewer": "figures",
 }
 """Test files that take more than 3 s, by folder; ``pytest -m quick`` leaves them out."""

@@ -2,18 +2,17 @@
 
     python scripts/publish.py                    what is stale, and how long it would take
     python scripts/publish.py --run [NAME ...]   run what is stale, the most important first
-    python scripts/publish.py --keep NAME ...    result files anew, of runs that are done
     python scripts/publish.py --page             write docs/figures.md, its pictures, README's table
     python scripts/publish.py --check            exit 1, and the names, where not all is of here
 
 ``scripts/publish.toml`` has a row for each result. A run leaves ``build/publish/VERSION/NAME``, in
 which it goes on after an interruption, and ends with ``docs/results/NAME.json``: version, digest,
 commit, date, machine, versions, commands, scenes, tables: those that the commands print or write
-as Markdown, under headings. The digest has a hash of each kind of behaviour
-that the result depends on (``scripts/plan_hashes.py --digest``). A result is stale where there is
-no file, or where it is of another version of the source and one of its kinds behaves otherwise
-now; it is never stale where its row says that it is ``frozen``: its question is answered. Two
-calls of ``--run`` with names of their own use two cores.
+as Markdown, under headings. The digest has a hash of each kind of behaviour that the result depends
+on (``scripts/plan_hashes.py --digest``). A result is stale where there is no file, where its
+commands or scenes are others than the row's, and where it is of another version of the source and
+one of its kinds behaves otherwise now; it is never stale where its row says that it is ``frozen``:
+its question is answered. Two processes of ``--run`` share the list, and use two cores.
 
 In a command ``{out}`` is the folder of the run, ``{python}`` this Python, ``{entry}`` each entry.
 """
@@ -41,11 +40,12 @@ import publish_page as pages  # noqa: E402
 
 from benchmarks.machine import describe  # noqa: E402
 from benchmarks.run import SINGLE  # noqa: E402
+from optipromp.core.errors import InvalidRequestError  # noqa: E402
 from optipromp.core.files import json_text, write_atomically  # noqa: E402
-from optipromp_bench.experiments.rows import source_version  # noqa: E402
+from optipromp_bench.experiments.rows import locked, source_version  # noqa: E402
 
 MARKED = re.compile(r"(?<=<!-- promised -->\n)(.*?)(?=<!-- end -->)", re.DOTALL)
-LATE = "was not begun"  # as the minutes were over
+LATE = "was not begun"  # as the minutes were over, or as another process runs it
 Book = Mapping[str, Any]
 Digest = Callable[[], Mapping[str, str]]  # a hash of each kind of behaviour
 
@@ -81,6 +81,8 @@ def why_stale(row: Book, found: Mapping[str, Any], version: str, digest: Digest)
         return ""
     if not found:
         return "no result"
+    if other := [name for name in ("commands", "scenes") if found[name] != row[name]]:
+        return f"of {found['version']}, with other {other[0]}"
     if found["version"] == version:
         return ""
     if not set(row["kinds"]) <= found.get("digest", {}).keys():
@@ -241,14 +243,11 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     add = parser.add_argument
     add("--run", nargs="*", metavar="NAME", help="run these, or all that is stale")
     add("--minutes", type=float, default=float("inf"), help="of --run: begin nothing after these")
-    add("--keep", nargs="+", metavar="NAME", help="make result files anew, of runs that are done")
     add("--page", action="store_true", help="write what shows the results")
     add("--check", action="store_true", help="exit 1 where the page or a result is not of here")
     asked = parser.parse_args(arguments)
     book, version = book_of(root), source_version()
     code, until = 0, time.monotonic() + 60.0 * asked.minutes
-    for row in chosen(book, asked.keep) if asked.keep else ():
-        keep(root, row, version)
 
     def stale(row: Book) -> str:  # takes minutes where a digest is to be worked out
         return why_stale(row, kept(root, row["name"]), version, partial(digest_of, root, version))
@@ -256,10 +255,15 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
     if asked.run is not None:
         for end in (signal.SIGTERM, signal.SIGINT):  # of a job in the background, too
             signal.signal(end, signal.default_int_handler)
-        wanted = [row for row in chosen(book, asked.run) if asked.run or stale(row)]
         try:
-            for row in wanted:
-                why = run(root, row, version, until)
+            for row in chosen(book, asked.run):
+                if not asked.run and not stale(row):
+                    continue
+                try:
+                    with locked(folder_of(root, version, f"running/{row['name']}")):
+                        why = run(root, row, version, until)
+                except InvalidRequestError:
+                    why = f"another process runs it, so it {LATE}"
                 print(f"{row['name']}: {why or 'done'}", flush=True)
                 code |= bool(why) and not why.endswith(LATE)
         except KeyboardInterrupt:
@@ -274,7 +278,7 @@ def main(arguments: Sequence[str] | None = None, root: Path = ROOT) -> int:
         found += [f"{row['name']}: {why}" for row in book["result"] if (why := stale(row))]
         print("\n".join(found) or "the page and all results are of this version")
         code = int(bool(found))
-    if asked.run is None and not (asked.keep or asked.page or asked.check):
+    if asked.run is None and not (asked.page or asked.check):
         print(status(book, {row["name"]: stale(row) for row in book["result"]}))
     return code
 

@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from optipromp_bench.experiments.forest import Share, Shares, forest
+from optipromp_bench.experiments.forest import Panels, Share, forest
 
 Book = Mapping[str, Any]
 Results = Mapping[str, Mapping[str, Any]]  # what is kept of each result, by name
@@ -14,7 +14,7 @@ HEAD = """<!-- Made by scripts/publish.py --page of docs/results/: change those.
 
 All that was measured, each result with its version and its commands, which run in its commit; in
 simulations, nothing on a real plant. Intervals are Wilson's, 95 %: the line through a dot of a
-picture.
+picture. A bar of a picture is a time over another's: to the left of 1 ours is shorter.
 
 - **Promised and picked**: the plan was a `success`, and its execution left the ripe fruit alone in
   the cup, with nothing harmed. **Broken promise**: a `success` whose execution did not.
@@ -65,12 +65,12 @@ def promised(book: Book, results: Results) -> str:
 
 def page(book: Book, results: Results) -> str:
     """The page of figures."""
-    shown: set[str] = set()
-    return "\n".join([HEAD, *(section(row, results[row["name"]], shown) for row in book["result"])])
+    drawn = pictures(book, results)
+    return "\n".join([HEAD, *(section(row, results[row["name"]], drawn) for row in book["result"])])
 
 
-def section(row: Book, found: Mapping[str, Any], shown: set[str]) -> str:
-    """Of one result; a picture stands in the section of the first that it shows."""
+def section(row: Book, found: Mapping[str, Any], drawn: Mapping[str, str]) -> str:
+    """Of one result."""
     told = "\n".join(found["commands"]).replace("{out}", row["name"]).replace("{entry}", "NAME")
     machine = found["machine"]
     versions = ", ".join(f"{name} {v}" for name, v in found.get("versions", {}).items() if v)
@@ -82,46 +82,54 @@ def section(row: Book, found: Mapping[str, Any], shown: set[str]) -> str:
         f"{machine['cpu']}, {machine['cores']} cores. {found['scenes']}.",
         *([f"With {versions}."] if versions else []),
     ]
-    picture = row.get("draw", {}).get("picture")
-    if picture and picture not in shown:
-        shown.add(picture)
-        parts.append(f"![{row['title']}: shares with their intervals]({file_of(picture)})")
+    if (picture := file_of(row)) in drawn:
+        parts.append(f"![{row['title']}: the figures of the tables, drawn]({picture})")
     for title, each in found["tables"].items():
         parts += [f"**{title}**", table(each["columns"], each["rows"])]
         parts += ["\n".join(f"- {note}" for note in each["notes"])] if each["notes"] else []
     return "\n\n".join([*parts, f"```\n{told}\n```", ""])
 
 
-def file_of(picture: str) -> str:
-    """Where a picture is, in docs."""
-    return f"images/figures-{picture}.svg"
+def file_of(row: Book) -> str:
+    """Where the picture of a result is, in docs."""
+    return f"images/figures-{row['name']}.svg"
 
 
 def pictures(book: Book, results: Results) -> dict[str, str]:
-    """The pictures by their files; results that name the same picture stand in it together."""
-    drawn: dict[str, Shares] = {}
-    for row in book["result"]:
-        for each in results[row["name"]]["tables"].values() if "draw" in row else ():
-            shares = drawn.setdefault(row["draw"]["picture"], {})
-            for label, series, found in shares_in(each, row["draw"]):
-                for head, share in found.items():
+    """The pictures by their files: of shares, and of times over others' in a panel a table."""
+    out = {}
+    for row in (row for row in book["result"] if "draw" in row):
+        panels: Panels = {}
+        for title, each in results[row["name"]]["tables"].items():
+            for label, series, shares in shares_in(each, row["draw"]):
+                for head, share in shares.items():
                     of, _, panel = head.rpartition(": ")
-                    lines = shares.setdefault(panel, {})
-                    name = row["draw"].get("before", "") + label
-                    lines.setdefault(name, {})[series or of] = share
-    return {file_of(name): forest(shares) for name, shares in drawn.items()}
+                    panels.setdefault(panel, {}).setdefault(label, {})[series or of] = share
+            for label, line in labelled(each, row["draw"]):
+                for head, name in row["draw"].get("ratios", {}).items():
+                    if ratio := re.fullmatch(r"(\d+(?:\.\d+)?)(?: ×.*)?", line.get(head, "")):
+                        lines = panels.setdefault(f"{title}: times", {}).setdefault(label, {})
+                        lines[name] = float(ratio[1])
+        if panels:
+            out[file_of(row)] = forest(panels)
+    return out
+
+
+def labelled(found: Mapping[str, Any], draw: Book) -> Iterator[tuple[str, dict[str, str]]]:
+    """The rows of a table by their labels; none where it lacks a column of these."""
+    heads = found["columns"]
+    for cells in found["rows"] if set(draw["label"]) <= set(heads) else ():
+        line = dict(zip(heads, cells, strict=True))
+        yield ", ".join(line[name].replace("`", "") for name in draw["label"] if line[name]), line
 
 
 def shares_in(found: Mapping[str, Any], draw: Book) -> Iterator[tuple[str, str, dict[str, Share]]]:
     """Of each row of a table its label, its cell under ``by`` and its shares by their heads."""
-    heads = found["columns"]
-    for cells in found["rows"] if set(draw["label"]) <= set(heads) else ():
-        line = dict(zip(heads, cells, strict=True))
-        label = ", ".join(line[name].replace("`", "") for name in draw["label"] if line[name])
+    for label, line in labelled(found, draw):
         numbers = {head: re.findall(r"[\d.]+", cell) for head, cell in line.items()}
         shares = {
             head.removesuffix(ENDS).rstrip(" %,"): Share(*map(float, numbers[head]))
-            for head in heads if head.endswith(ENDS) and len(numbers[head]) == 3
+            for head in line if head.endswith(ENDS) and len(numbers[head]) == 3
         }  # fmt: skip
         if shares:
             yield label, line[draw["by"]] if "by" in draw else "", shares

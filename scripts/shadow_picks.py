@@ -5,10 +5,9 @@
 
 Each folder is one of ``optipromp bench run``. Its motions in the engine ``arm`` become recordings
 as docs/shadow.md has them: joint states at 100 Hz, looks of a detector before each pick, the
-gripper. Picks among the same static objects are one recording. Printed are how many of the picks
-that harmed something in simulation are predicted to be harmful (recall), and how many of all picks
-are called harmful and were clean (false alarms), with 95 % intervals. In ``--out`` are the
-recordings, for ``optipromp shadow``.
+gripper. Picks among the same static objects are one recording. The table has how many of the picks
+that harmed something in simulation, were clean, or missed the target are called harmful, with 95 %
+intervals. In ``--out`` are the recordings, for ``optipromp shadow``.
 """
 
 import argparse
@@ -27,7 +26,7 @@ from optipromp.core.scenes.io import save_scene, scene_to_dict
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import CURVE, Trajectory, chained
 from optipromp_bench import episode
-from optipromp_bench.experiments.statistics import share
+from optipromp_bench.experiments.statistics import Table, share
 from optipromp_bench.sets import scene_of
 from optipromp_bench.tracks import BACK
 from optipromp_loop.control import without_fruits
@@ -37,6 +36,9 @@ from optipromp_sim.simulation import DETECTORS, Detector
 from optipromp_sim.simulation.detector import Truth
 
 RATE = 100.0  # [Hz] of the joint states
+ENDS = "harmed", "clean", "missed"
+HARMFUL = ": called harmful % (95 %)"
+COLUMNS = "entry", "picks judged", *(f"{end}{of}" for end in ENDS for of in ("", HARMFUL))
 STAND, HOME = 0.6, 2.0  # [s] before a pick and at the grasp; of the way back to the start
 
 
@@ -105,16 +107,14 @@ def record(picks: Sequence[Done], file: Path, detector: str) -> None:
     write_atomically(file, json_text(document).encode())
 
 
-def told(rows: Sequence[tuple[Done, Shadowed]]) -> str:
-    """Recall and false alarms of the picks so far, in a line."""
+def line_of(rows: Sequence[tuple[Done, Shadowed]]) -> list[Any]:
+    """How many picks were judged; of each end how many there are, and are called harmful."""
     known = [(one.result, beside.harmful) for one, beside in rows if not beside.why]
-    harmed = [alarm for result, alarm in known if result == "harmed"]
-    clean, missed = (sum(a for r, a in known if r == name) for name in ("clean", "missed"))
-    return (
-        f"{len(known)} of {len(rows)} picks judged, {len(harmed)} harmed; recall "
-        f"{share(sum(harmed), len(harmed))} %; false alarms {share(clean, len(known))} % of "
-        f"picks, and {missed} that missed the target"
-    )
+    cells: list[Any] = [f"{len(known)} of {len(rows)}"]
+    for end in ENDS:
+        alarms = [alarm for result, alarm in known if result == end]
+        cells += [len(alarms), share(sum(alarms), len(alarms))]
+    return cells
 
 
 def main() -> None:
@@ -127,15 +127,17 @@ def main() -> None:
     parser.add_argument("--detector", choices=tuple(DETECTORS), default="zero-mean")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
-    every = list[tuple[Done, Shadowed]]()
+    every = dict[str, list[tuple[Done, Shadowed]]]()
     for folder in given.results:
+        rows = every.setdefault(f"`{folder.name}`", [])
         for k, (_, group) in enumerate(groupby(sorted(picks_of(folder), key=still), still)):
             picks, file = list(group), given.out / f"{folder.name}-{k}.json"
             known = without_fruits(picks[0].scene)
             save_scene(known, file.with_suffix(".yaml"))
             record(picks, file, given.detector)
-            every += zip(picks, shadowed(load_recorded(file, known), known), strict=True)
-        print(told(every), flush=True)
+            rows += zip(picks, shadowed(load_recorded(file, known), known), strict=True)
+    every["all"] = [row for rows in every.values() for row in rows]
+    print(Table("Shadow", COLUMNS, [[name, *line_of(rows)] for name, rows in every.items()]))
 
 
 if __name__ == "__main__":

@@ -1,15 +1,15 @@
-"""Cycles of the closed loop and steps of the guard, in picks in the simulation on one core."""
+"""Cycles of the closed loop, steps of the guard and frames of the eyes, on one core."""
 
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from benchmarks.registry import RATIO, SUITE, Context, Measured, Metric, Value, Values
-from benchmarks.timing import median, percentile
+from benchmarks.timing import median, percentile, reference
 from optipromp.core.geometry import Sphere
-from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import Pose, Scene, SceneObject
 from optipromp.core.trajectory import State
 from optipromp_sim.generate import NOISES, Preset, generate, noisy
@@ -23,6 +23,8 @@ FIRST, COUNT = 61_000, 5_000  # seed of the first scene, cycles of a condition
 SWAY = 0.01  # [m] of the roots
 DEADLINE = 20.0  # [ms] of a cycle at 50 Hz
 STEP, STEPS = 5.0, 1_000  # [ms] of a step of the guard, and how many are taken
+FRAME, FRAMES = 100.0, 120  # [ms] of a look at a picture, and how many pictures there are
+FINDERS, SEEN, SHOWN = ("geometry", "network"), ("cluster", "field", "wild"), ("plain", "rich")
 FEW, MANY = 10, 400  # false fruits of a look
 LOW, HIGH = [0.2, -0.4, 0.6], [0.7, 0.4, 1.1]  # [m] where false fruits are
 
@@ -38,10 +40,13 @@ def metrics() -> list[Metric]:
             Metric(f"{name}/99th percentile", "ms", target=DEADLINE),
             Metric(f"{name}/late", "%", target=0.0, about="over 20 ms, the period at 50 Hz"),
         ]
-    name, about = "cycles/guard", f"{STEPS} steps in front of a policy that pushes aside"
-    out.append(Metric(f"{name}/95th percentile", "ms", target=STEP, about=about))
-    of = "the 95 % in fixed work: 100 kinematics passes of 100 configurations each"
-    out.append(Metric(f"{name}/95th percentile by passes", RATIO, tolerance=0.5, about=of))
+    told = [("guard", STEP, f"{STEPS} steps in front of a policy that pushes aside")]
+    told += [(f"frame, {name}", FRAME, f"{FRAMES} looks at 640 × 480 pixels") for name in FINDERS]
+    of = "the 95 % in fixed work in Python and NumPy"
+    for subject, target, about in told:
+        name = f"cycles/{subject}/95th percentile"
+        out.append(Metric(name, "ms", target=target, about=about))
+        out.append(Metric(f"{name} by fixed work", RATIO, tolerance=0.5, about=of))
     about = f"cycles that only look, among {MANY} false fruits by those among {FEW}"
     out.append(Metric("cycles/false fruits/many by few", RATIO, tolerance=0.5, about=about))
     return out
@@ -83,6 +88,8 @@ def cycles(context: Context) -> Values:
         out[f"{name}/late"] = 100.0 * float(np.mean(np.array(times) > DEADLINE))
     context.say("guard")
     out |= _guarded(context.repeats(STEPS))
+    context.say("frames")
+    out |= _frames(context.repeats(FRAMES))
     spent = {false: _looking(false) for false in (FEW, MANY, FEW, MANY)}  # the first time compiles
     out["cycles/false fruits/many by few"] = spent[MANY] / spent[FEW]
     return out
@@ -93,19 +100,41 @@ def _guarded(count: int) -> dict[str, Value]:
     from scripts.studies.guard import driven
 
     ask = {"entry": "push-aside", "engine": "arm", "condition": "none", "takes_over": False}
-    robot, spent, fixed, seed = load_robot("panda"), list[float](), list[float](), FIRST
-    q = np.random.default_rng(0).uniform(robot.lower, robot.upper, (100, robot.n_joints))
+    spent, fixed, seed = list[float](), list[float](), FIRST
     while len(spent) < count:
         row, _ = driven({**ask, "preset": "cluster", "seed": seed, "guarded": True})
-        began = time.process_time()
-        for _ in range(100):
-            robot.sphere_centers(q)
-        fixed.append(1e3 * (time.process_time() - began))
+        fixed.append(_fixed())
         if seed > FIRST:  # the first reads kernels from the cache
             spent += np.repeat(row["spent"], max(row["steps"] // len(row["spent"]), 1)).tolist()
         seed += 1
-    late, name = percentile(spent, 0.95), "cycles/guard/95th percentile"
-    return {name: late, f"{name} by passes": late / median(fixed)}
+    return _late("guard", spent, fixed)
+
+
+def _frames(count: int) -> dict[str, Value]:
+    """Process times of looks at pictures, in ms and in fixed work between the pictures."""
+    from scripts.studies.eyes import Sees
+
+    seeds = FIRST, FIRST + max(count // (len(SEEN) * len(SHOWN)), 1)
+    study = Sees(SEEN, seeds, looks=SHOWN, finders=FINDERS)
+    fixed, rows = zip(*((_fixed(), study.trial(ask)["seen"]) for ask in study.asks()), strict=True)
+    out: dict[str, Value] = {}
+    for name in FINDERS:
+        out |= _late(f"frame, {name}", [1e3 * row[name]["seconds"] for row in rows], fixed)
+    return out
+
+
+def _fixed() -> float:
+    """Milliseconds of the process that the fixed work takes."""
+    began = time.process_time()
+    reference()
+    return 1e3 * (time.process_time() - began)
+
+
+def _late(subject: str, spent: list[float], fixed: Sequence[float]) -> dict[str, Value]:
+    late, name = percentile(spent, 0.95), f"cycles/{subject}/95th percentile"
+    return {
+        name: Measured(late, {"50 %": median(spent)}), f"{name} by fixed work": late / median(fixed)
+    }  # fmt: skip
 
 
 def _looking(false: int) -> float:

@@ -13,14 +13,15 @@ import math
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from optipromp.core.arrays import FloatArray
-from optipromp.core.geometry.shapes import Sphere
+from optipromp.core.geometry import Sphere, distances
+from optipromp.core.geometry.obstacles import pack
 from optipromp.core.scenes.scene import SceneObject
 from optipromp_bench.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
 from optipromp_bench.experiments.statistics import Table, share
@@ -29,7 +30,9 @@ from optipromp_eyes.eyes import Detection, Sighting, look_at
 from optipromp_eyes.finder import Finder
 from optipromp_eyes.pictures import CameraModel, DepthPicture
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation.detector_parameters import EYES
 from optipromp_sim.simulation.photograph import Photograph, photograph
+from optipromp_sim.simulation.sight import standing_pose
 
 NEAREST = 0.075  # [m] of a fruit that must be found: a depth camera measures nothing nearer
 LEAST_LENGTH = 0.025  # [m] of a visible stem of the second renderer: a choice
@@ -37,72 +40,53 @@ LEAST_STEM = 60  # pixels of a visible stem: a choice
 SURE = 11.34  # squared normalised error that 1 % of true Gaussian errors exceed (χ², 3 degrees)
 
 
-@dataclass(frozen=True, eq=False)
-class SeenFruit:
-    """A fruit of a photograph, and what was seen of it."""
-
-    share: float  # part of its outline that shows
-    visible: bool  # whether enough shows that it must be found
-    error: float  # of its centre, where it was found; else nan [m]
-    # squared error of the centre over its covariance; 3 in the mean if that is true
-    normalised: float
-    kind_right: bool  # whether ripe was taken for ripe
-    stem_visible: bool  # whether enough of its stem shows
-    angle: float  # between the true stem and the one found; nan where none was [deg]
-    # this angle over the deviation of each tilt; √2 in the root mean square if that is true
-    tilts: float
-    item: SceneObject  # the true fruit, in the base frame
-    center: FloatArray  # (3,) true middle of its extent in the frame of the camera [m]
-    detection: Detection | None  # that matches it; None: it was not found
-
-    @property
-    def found(self) -> bool:
-        """Whether a detection matches it."""
-        return self.detection is not None
+NUMBERS = (
+    "visible", "found", "error", "normalised", "right", "ripe", "stem", "angle", "tilts", "blocks",
+)  # fmt: skip
+"""Of a fruit: whether enough shows that it must be found, and whether it is; the error of its
+centre [m], and its square over the covariance, 3 in the mean if that is true; whether ripe was
+taken for ripe, and is; whether enough of its stem shows; the angle between the true stem and the
+one found [deg], and that over the deviation of each tilt, √2 in the root mean square if that is
+true; whether it is found, or something solid is where it is. nan: nothing tells it."""
 
 
 @dataclass(frozen=True, eq=False)
 class SeenPicture:
-    """The fruits of one photograph, the detections that match none, and the time [s]."""
+    """The fruits of one photograph and :data:`NUMBERS` of each, the detections that match none, the
+    doubts, and the time of the process [s]."""
 
-    fruits: tuple[SeenFruit, ...]
+    fruits: tuple[Paired, ...]
+    numbers: list[list[float]]
     wrong: tuple[Detection, ...]
+    doubts: tuple[str, ...]
     seconds: float
 
     def plain(self) -> dict[str, Any]:
-        """As :func:`figures` takes it: of each fruit the numbers that NUMBERS names."""
-        fruits = [
-            (f.visible, f.found, f.error, f.normalised, f.kind_right, f.item.role == "target",
-             f.stem_visible, f.angle, f.tilts)
-            for f in self.fruits
-        ]  # fmt: skip
-        rows = [[float(number) for number in each] for each in fruits]
-        return {"fruits": rows, "false": len(self.wrong), "seconds": self.seconds}
+        """As :func:`figures` takes it."""
+        out = {"fruits": self.numbers, "false": len(self.wrong), "doubts": self.doubts}
+        return out | {"seconds": self.seconds}
 
 
 def compared(shot: Photograph, finder: Finder | None = None) -> SeenPicture:
-    """What is seen in a photograph against its truth; see :func:`matched`."""
+    """What is seen in a photograph against its truth; see :func:`paired`."""
     began = time.process_time()
     sight = look_at(shot.picture, up=shot.scene.up, finder=finder)
-    return matched(shot, sight, time.process_time() - began)
-
-
-def matched(shot: Photograph, sight: Sighting, seconds: float) -> SeenPicture:
-    """A sight of a photograph, made in ``seconds``, against the truth; see :func:`paired`."""
+    seconds = time.process_time() - began
     fruits, wrong = paired(shot, sight)
-    turn, seen = shot.picture.camera.pose.rotation.T, []
+    turn, rows = shot.picture.camera.pose.rotation.T, []
     for each in fruits:
         stem = each.item.stem
         shows = stem is not None and int(shot.mask(each.item.id, "stem").sum()) >= LEAST_STEM
-        seen.append(_fruit(each, None if stem is None else turn @ stem.vector, shows))
-    return SeenPicture(tuple(seen), tuple(wrong), seconds)
+        rows.append(_numbers(each, None if stem is None else turn @ stem.vector, shows, sight))
+    return SeenPicture(tuple(fruits), rows, tuple(wrong), sight.doubts, seconds)
 
 
-def _fruit(each: Paired, way: FloatArray | None, shows: bool) -> SeenFruit:
-    """What is seen of a fruit, whose stem leads ``way`` (3,) in the frame of the camera."""
-    item, center, match, share, visible = each
+def _numbers(each: Paired, way: FloatArray | None, shows: bool, sight: Sighting) -> list[float]:
+    """:data:`NUMBERS` of a fruit, whose stem leads ``way`` (3,) in the frame of the camera."""
+    item, center, match, _, visible = each
     error = normalised = angle = tilts = math.nan
-    right = False
+    right, solid = False, sight.look.solids
+    blocks = match is not None
     if match is not None:
         off = match.item.position - center
         assert match.item.covariance is not None
@@ -113,9 +97,11 @@ def _fruit(each: Paired, way: FloatArray | None, shows: bool) -> SeenFruit:
             cosine = float(way @ match.stem.direction) / float(np.linalg.norm(way))
             turned = math.acos(min(max(cosine, -1.0), 1.0))
             angle, tilts = math.degrees(turned), turned / match.stem.deviation
-    return SeenFruit(
-        share, visible, error, normalised, right, shows, angle, tilts, item, center, match
-    )
+    elif solid:
+        around = pack([(o.shape, o.position, o.rotation) for o in solid])
+        blocks = bool(distances(around, center[None])[0].min() < item.radius)
+    told = visible, match is not None, error, normalised, right, item.role == "target", shows
+    return [float(number) for number in (*told, angle, tilts, blocks)]
 
 
 REACH = 0.05  # [m] along a stem, to which its true direction is taken: a choice
@@ -135,7 +121,7 @@ def in_garden(seed: int, finder: Finder | None = None) -> SeenPicture:
     began = time.process_time()
     sight = look_at(picture, up=np.array(truth["up"]), finder=finder)
     seconds = time.process_time() - began
-    free, fruits = list(sight.detections), []
+    free, fruits, rows = list(sight.detections), [], []
     for each in sorted(truth["fruits"], key=lambda one: -one["share"]):
         center, line = np.array(each["center"]), np.array(each["stem"])
         away = [float(np.linalg.norm(one.item.position - center)) for one in free]
@@ -150,13 +136,9 @@ def in_garden(seed: int, finder: Finder | None = None) -> SeenPicture:
         item = SceneObject("fruit", role, Sphere(each["radius"]), center)
         wide = 2.0 * each["thick"] * (focal / center[2]) ** 2  # [pixel] of a metre of stem
         shows = each["stem_pixels"] >= max(LEAST_LENGTH * wide, 0.5 * LEAST_STEM)
-        fruits.append(_fruit(Paired(item, center, match, each["share"], visible), way, shows))
-    return SeenPicture(tuple(fruits), tuple(free), seconds)
-
-
-NUMBERS = (
-    "visible", "found", "error", "normalised", "right", "ripe", "stem", "angle", "tilts",
-)  # fmt: skip
+        fruits.append(Paired(item, center, match, each["share"], visible))
+        rows.append(_numbers(fruits[-1], way, shows, sight))
+    return SeenPicture(tuple(fruits), rows, tuple(free), sight.doubts, seconds)
 
 
 def figures(seen: Sequence[SeenPicture | Mapping[str, Any]]) -> dict[str, float]:
@@ -186,6 +168,8 @@ def figures(seen: Sequence[SeenPicture | Mapping[str, Any]]) -> dict[str, float]
         "angle_mean_deg": _mean(f["angle"][told]),
         "angle_90_deg": _quantile(f["angle"][told], 0.9),
         "angle_over_deviation": math.sqrt(tilts) if tilts == tilts else math.nan,
+        "open": int((visible & (f["blocks"] == 0.0)).sum()),
+        "doubted": sum(bool(picture["doubts"]) for picture in pictures),
         "ms": 1e3 * float(np.median([picture["seconds"] for picture in pictures] or [math.nan])),
     }
 
@@ -198,13 +182,24 @@ def _quantile(values: FloatArray, share: float) -> float:
     return float(np.quantile(values, share)) if len(values) else math.nan
 
 
+def taken(preset: Any, mount: str, seed: int, looks: Any) -> Photograph:
+    """A picture of a drawn scene; ``far``: from 0.8 m away."""
+    scene = generate(preset, seed)
+    if mount == "far" and scene.target is not None:
+        pose, middle = standing_pose(scene, EYES["beside"]), scene.target.position
+        away = pose.position - middle
+        pose = replace(pose, position=middle + 0.8 / np.linalg.norm(away) * away)
+        scene, mount = replace(scene, camera=pose), "beside"
+    return photograph(scene, mount, seed, looks=looks)
+
+
 @dataclass(frozen=True)
 class Sees:
     """A study of finders in pictures."""
 
     presets: tuple[str, ...] = ("cluster", "mixed", "field", "wild")
     seeds: tuple[int, int] = (70_000, 70_030)
-    mounts: tuple[str, ...] = ("beside",)  # of beside, palm, hand
+    mounts: tuple[str, ...] = ("beside",)  # of beside, far, palm, hand
     looks: tuple[str, ...] = ("plain",)  # of plain, rich
     finders: tuple[str, ...] = ("geometry",)
 
@@ -219,8 +214,7 @@ class Sees:
         """What each finder sees in a picture."""
         seed, out, shot = ask["seed"], {}, None
         if ask["preset"] != "garden":
-            scene = generate(ask["preset"], seed)
-            shot = photograph(scene, ask["mount"], seed, looks=ask["looks"])
+            shot = taken(ask["preset"], ask["mount"], seed, ask["looks"])
         for name in ask["finders"]:
             known = name.endswith(".onnx")
             finder = finder_named("network", Path(name)) if known else finder_named(name)
@@ -247,7 +241,8 @@ class Sees:
 COLUMNS = (
     "pictures", "finder", "n", "visible fruits", "recall % (95 %)", "false (share %)",
     "centre: median, 90 % [mm]", "normalised: mean (beyond %)", "ripe right %",
-    "stems found of visible", "angle: mean, 90 % [°] (over deviation)", "ms",
+    "stems found of visible", "angle: mean, 90 % [°] (over deviation)",
+    "visible, not found, nothing solid there", "doubted pictures", "ms",
 )  # fmt: skip
 
 
@@ -264,6 +259,6 @@ def cells(
         f"{f['normalised_mean']:.1f} ({100 * f['normalised_beyond_99']:.1f})",
         f"{100 * f['ripe_right']:.0f}", f"{f['stems_found']} of {f['stems_visible']}",
         f"{f['angle_mean_deg']:.1f}, {f['angle_90_deg']:.1f} ({f['angle_over_deviation']:.1f})",
-        f"{f['ms']:.0f}",
+        f"{f['open']}", f"{f['doubted']}", f"{f['ms']:.0f}",
     ]  # fmt: skip
     return [cell.replace("nan", "–") for cell in told]  # nothing tells it

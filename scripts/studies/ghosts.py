@@ -47,10 +47,11 @@ def haunted(known: Scene, name: str) -> Scene | None:
     far = np.linalg.norm(way - known.target.position, axis=1)
     stems = [part for o in known.objects if o.stem is not None for part in pieces(o, o.stem)]
     around = pack([(o.shape, o.position, o.rotation) for o in (*known.objects, *stems)])
-    whole = SHAPES[name].surface().reshape(-1, 3) * np.array([1.0, 0.5, 0.0])[:, None, None]
+    ticks = (np.linspace(-h, h, 2 + int(2.0 * h / FREE)) for h in SHAPES[name].measure.half)
+    whole = np.stack(np.meshgrid(*ticks), axis=-1).reshape(-1, 3)
     for away in AWAY:
         at = way[int(np.argmin(np.abs(far - away)))]
-        if distances(around, at + whole.reshape(-1, 3))[0].min() > FREE:
+        if distances(around, at + whole)[0].min() > FREE:
             ghost = SceneObject(name, "static", SHAPES[name], at)
             return replace(known, objects=(*known.objects, ghost))
     return None
@@ -60,10 +61,11 @@ def picked(name: str, preset: Any, seed: int) -> tuple[str, str, Run | None]:
     """How a pick ends that meets a ghost, one of :data:`ENDS`; why; and its run."""
     known = generate(preset, seed)
     truth = haunted(known, name)
-    if truth is None:
+    shot = None if truth is None else photograph(truth, seed=seed)
+    if truth is None or shot is None or not shot.mask(name, "static").any():  # beyond the border
         return "no way", "", None
     try:
-        sight = look_at(photograph(truth, seed=seed).picture, up=known.up)
+        sight = look_at(shot.picture, up=known.up)
         plan = plan_pick(seen_scene(sight, known)[0], seed=0)
     except InvalidRequestError as error:
         return "not seen", error.message, None

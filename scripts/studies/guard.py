@@ -3,11 +3,11 @@
     optipromp bench study scripts/studies/guard.toml --out guard
     python -m scripts.studies.guard clone cluster 900001 guarded.gif 0.25
 
-The table has clean and harmed without the guard and with it, with Wilson's intervals (95 %), the
-share of periods in which the guard acted, and its time a step. A run behind the guard ends where
-the arm has stood still for 4 s. Motions of entries that plan are followed by joint velocities, in
-both cases. With ``takes_over`` the loop goes on behind the guard. The second command draws a scene
-four times faster: alone, guarded, and at the right where the loop takes over.
+The table has clean and harmed in each of the ``ways`` that a study asks for (alone; guarded; takes
+over: where the guard stands, the loop goes on), with Wilson's intervals (95 %), the share of
+periods in which the guard acted, and its time a step. A run behind the guard ends where the arm has
+stood still for 4 s. Motions of entries that plan are followed by joint velocities, in all ways. The
+second command draws a scene four times faster, the three ways beside each other.
 """
 
 import itertools
@@ -39,6 +39,7 @@ LATE = 0.02  # [rad] of a joint
 STILL, REST = 4.0, 1e-3  # [s], [rad/s]: behind the guard an arm that stands so long goes on no more
 SLOWED = 0.5  # [s] twice, before the end of a run: in the first the wishes go to 0
 RESULTS = "clean", "harmed"
+WAYS = {"alone": (False, False), "guarded": (True, False), "takes over": (True, True)}
 SHARES = np.linspace(0.0, 1.0, 21)  # of the steps of a run, whose times are kept
 VIEW = 480, 810  # [pixel] of each part of a film
 Policy = Callable[[Observation], FloatArray]
@@ -53,17 +54,16 @@ class Guards:
     seeds: tuple[int, int] = (940_000, 940_005)
     engines: tuple[str, ...] = ("arm",)
     conditions: tuple[str, ...] = ("none",)
-    takes_over: bool = False
+    ways: tuple[str, ...] = ("alone", "guarded")  # of WAYS
 
     def asks(self) -> list[dict[str, Any]]:
         """See :class:`optipromp_bench.experiments.kinds.Kind`."""
-        names = "entry", "engine", "condition", "guarded", "seed", "preset"
+        names = "entry", "engine", "condition", "way", "seed", "preset"
         all_ = itertools.product(
-            self.entries, self.engines, self.conditions, (False, True), range(*self.seeds),
+            self.entries, self.engines, self.conditions, self.ways, range(*self.seeds),
             self.presets,
         )  # fmt: skip
-        over = {"takes_over": self.takes_over}
-        asks = [dict(zip(names, each, strict=True)) | over for each in all_]
+        asks = [dict(zip(names, each, strict=True)) for each in all_]
         return [ask for ask in asks if ask["engine"] == "arm" or ask["condition"] in STEADY]
 
     def trial(self, ask: Mapping[str, Any]) -> dict[str, Any]:
@@ -76,7 +76,7 @@ class Guards:
     @staticmethod
     def told(parts: Mapping[str, Sequence[Mapping[str, Any]]]) -> list[Table]:
         """A table for each study."""
-        return [table(rows) for rows in parts.values()]
+        return [table(title, rows) for title, rows in parts.items()]
 
 
 def following(curve: Trajectory, period: float) -> Policy:
@@ -136,8 +136,9 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     if policy is None:
         return {"result": "refused", "causes": ""}, None
     guard = None
-    if ask["guarded"]:
-        guard = Guard(episode.scene, episode.robot, takes_over=ask["takes_over"])
+    guards, takes_over = WAYS[ask["way"]]
+    if guards:
+        guard = Guard(episode.scene, episode.robot, takes_over=takes_over)
     moved, patience = 0.0, STILL if guard and not wanders else most
 
     def act(seen: Observation) -> FloatArray | None:
@@ -164,28 +165,28 @@ def driven(ask: Mapping[str, Any]) -> tuple[dict[str, Any], Run | None]:
     return row, Run(*shown, episode.records, outcome, 0.0)
 
 
-def table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    """A line for each entry, preset, engine and condition: alone beside guarded; and one of all."""
-    groups: dict[tuple[str, ...], dict[bool, list[Mapping[str, Any]]]] = {}
-    for row in rows:
-        noise = "" if row["condition"] == "none" else row["condition"]
-        where = ", ".join(filter(None, (row["engine"], noise)))
-        keys = [("", noise, f"`{row['entry']}`", f"`{row['preset']}`", where)]
-        if row["entry"] != "random":
-            keys.append(("all", noise, "all", "", noise))
-        for key in keys:
-            groups.setdefault(key, {False: [], True: []})[row["guarded"]].append(row)
-    heads = [f"{who}: {end} % (95 %)" for who in ("alone", "guarded") for end in RESULTS]
-    columns = ["entry", "preset", "engine", "n", *heads, "acted", "a step: median, 95 %"]
-    lines = []
-    for group in sorted(groups):
-        cells: list[str] = [*group[2:], str(len(groups[group][True]))]
-        for own in (groups[group][False], groups[group][True]):
-            cells += [share(sum(row["result"] == end for row in own), len(own)) for end in RESULTS]
-        lines.append([*cells, *steps_of([row for row in groups[group][True] if row.get("steps")])])
-    wander = {row["entry"] for row in rows} == {"random"}
-    conditions = ",".join(dict.fromkeys(row["condition"] for row in rows))
-    return Table("Random motions" if wander else f"Condition `{conditions}`", columns, lines)
+def table(title: str, rows: Sequence[Mapping[str, Any]]) -> Table:
+    """A line for each entry; of several, a line for each preset, and one of all."""
+    groups: dict[str, list[Mapping[str, Any]]] = {}
+    several = len({row["entry"] for row in rows}) > 1
+    for name in ("`{entry}`", *("all, `{preset}`", "all")[: 2 * several]):
+        for row in rows:
+            groups.setdefault(name.format(**row), []).append(row)
+    lines, ways = [], tuple(dict.fromkeys(row["way"] for row in rows))
+    told = dict.fromkeys(part for row in rows for part in (row["engine"], row["condition"]))
+    physics = ", ".join(part for part in told if part != "none")
+    for name, own in groups.items():
+        by = {way: [row for row in own if row["way"] == way] for way in ways}
+        shares = [
+            share(sum(row["result"] == end for row in each), len(each))
+            for each in by.values()
+            for end in RESULTS
+        ]
+        steps = steps_of([row for row in by["guarded"] if row.get("steps")])
+        lines.append([name, physics, len(by[ways[0]]), *shares, *steps])
+    heads = [f"{way}: {end} % (95 %)" for way in ways for end in RESULTS]
+    columns = ["entry", "physics", "n", *heads, "acted", "a step: median, 95 %"]
+    return Table(f"Guard, {title}", columns, lines)
 
 
 def steps_of(rows: Sequence[Mapping[str, Any]]) -> tuple[str, str]:
@@ -206,9 +207,8 @@ def film(path: Path, entry: str, preset: str, seed: int, slow: float) -> None:
 
     fps, runs = 10, list[Run]()
     ask = {"entry": entry, "preset": preset, "seed": seed, "engine": "arm", "condition": "none"}
-    ways = {"alone": (False, False), "guarded": (True, False), "takes over": (True, True)}
-    for way, (guards, over) in ways.items():
-        row, run = driven({**ask, "guarded": guards, "takes_over": over})
+    for way in WAYS:
+        row, run = driven({**ask, "way": way})
         if run is None:
             raise SystemExit(f"{entry} does not move in {preset} {seed}")
         runs.append(run)

@@ -303,10 +303,9 @@ class Episode(Pick["Outcome | Word"]):
 
     def harm(self) -> HarmSoFar:
         """What was harmed so far; a fruit beside the target that was held for a while counts."""
-        target = self.situation.scene.target
-        kept = [name for name, t in self._held.items() if t >= HELD]
-        others = len(kept) - (target is not None and target.id in kept)
-        return replace(self.arena.harm(), swallowed=others)
+        taken = {item.id for item in self.situation.scene.taken}
+        kept = {name for name, t in self._held.items() if t >= HELD}
+        return replace(self.arena.harm(), swallowed=len(kept - taken))
 
 
 class Driven:

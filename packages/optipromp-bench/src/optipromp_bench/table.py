@@ -10,7 +10,7 @@ from typing import Any
 import scipy.stats
 
 from optipromp.core.errors import InvalidRequestError
-from optipromp_bench.experiments.forest import Share, Shares, forest
+from optipromp_bench.experiments.forest import Panels, Share, forest
 from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.statistics import Cell, Table, seconds_a_clean, wilson
 from optipromp_bench.results import BenchRun, Means, recorded, submission, zip_of
@@ -171,7 +171,7 @@ def markdown(board: Leaderboard) -> str:
 
 def picture(board: Leaderboard) -> str:
     """The leaderboard as SVG: shares that are clean and harmed, with their 95 % intervals."""
-    shares: Shares = {"clean": {}, "harmed": {}}
+    shares: Panels = {"clean": {}, "harmed": {}}
     for panel, lines in shares.items():
         for entry in board.order:
             told = {engine: board.of(entry, engine) for engine in board.run.engines}

@@ -102,12 +102,12 @@ def register_of(picture: DepthPicture, p: EyeParameters) -> tuple[str, ...]:
     k = max(round(picture.camera.width / 320), 1)
     depth = picture.depth[::k, ::k]
     near = (depth > 0.0) & (depth < p.farthest)
-    edges = near & (most_about(depth, 3) - depth > 2.0 * p.step)
+    least = np.maximum(2.0 * p.step, 6.0 * p.depth_noise * depth**2)  # [m], no error: a choice
+    edges = near & (most_about(depth, 3) - depth > least)
     if edges.sum() < LEAST_EDGE:
         return ()
-    rgb = picture.rgb[::k, ::k].astype(np.float32)
-    steep = steepness(rgb)
-    steep = np.minimum(steep, max(np.quantile(steep, 0.98), 0.25 * steep.max()))
+    steep = steepness(picture.rgb[::k, ::k].astype(np.float32))
+    steep = np.minimum(steep, 0.1 * steep.max())  # a choice: edges count alike
     far = FARTHEST_SHIFT // k
     wide = np.pad(steep - steep.mean(), far)
     match = opencv().matchTemplate(wide, edges.astype(np.float32), opencv().TM_CCORR)

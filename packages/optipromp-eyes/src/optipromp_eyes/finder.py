@@ -94,8 +94,8 @@ def box_of(mask: BoolArray, margin: int) -> tuple[slice, slice]:
 
 def most_about(values: NDArray[Any], side: int) -> NDArray[Any]:
     """The largest of values (h, w) in a square of an odd ``side`` about each."""
-    known = values if values.dtype.kind == "f" else values.astype(np.float32)  # to 2^24
-    wide = opencv().dilate(known, np.ones((side, side), np.uint8))
+    number: Any = {"f": values.dtype, "b": np.uint8}.get(values.dtype.kind, np.float32)  # to 2^24
+    wide = opencv().dilate(values.astype(number, copy=False), np.ones((side, side), np.uint8))
     return np.asarray(wide).astype(values.dtype, copy=False)
 
 

@@ -143,6 +143,7 @@ def _explained(
     here = points[..., 2] > 0.0
     flat, more = points[here], ABOUT + error[here]
     mine = np.zeros(len(flat), dtype=bool)
+    red = [r for r in found.fruits if r.kind == "ripe"]  # no stem has this colour
     for each in fruits:
         fit, shown = each.spheroid, each.region.pixels
         most = (r for r in found.fruits if (shown[r.box] & r.part).sum() > MOSTLY * r.part.sum())
@@ -154,12 +155,12 @@ def _explained(
         mine |= np.hypot(aside / (fit.radius + more), along / (fit.half + more)) < 1.0
         mine |= own[thin][here] & (lengths(off) < SAME * max(fit.radius, fit.half))
         if each.item.stem is not None:
-            off = flat - each.item.stem.points[0]
+            off, ripe = flat - each.item.stem.points[0], Region.mask(red, shown.shape)[thin][here]
             way = each.item.stem.vector / each.item.stem.length
             along = np.clip(off @ way, 0.0, CUT * each.item.stem.length)
             on = lengths(off - along[:, None] * way) < more + BOW * along
             gap = 0.0 if each.stem is None else each.stem.gap  # where something hides the stem
-            mine |= on & ((gap == 0.0) | (along > max(fit.radius, fit.half) + gap))
+            mine |= on & ~ripe & ((gap == 0.0) | (along > max(fit.radius, fit.half) + gap))
     out[here] |= mine
     return out
 
@@ -174,10 +175,11 @@ def _cells(
     codes = []
     for behind in np.arange(0.0, DEEPEST, VOXEL):
         more = (marks > 0) & (deep > behind)
-        cells = np.floor(rays[more] * (depth[more] + behind)[:, None] / VOXEL).astype(np.int64)
-        rows = np.column_stack([marks[more], cells + SHIFT])
-        codes.append(rows @ (1 << np.arange(3 * BITS, -1, -BITS)))
-    unique = np.unique(np.concatenate(codes))
+        code, far = marks[more], (depth[more] + behind) / VOXEL
+        for way in rays[more].T:
+            code = (code << BITS) + np.floor(way * far).astype(np.int64) + SHIFT
+        codes.append(code[np.diff(code, prepend=-1) != 0])  # pixels beside each other share cells
+    unique, _ = np.unique(np.concatenate(codes), return_counts=True)  # sorts: faster than hashes
     cells = (unique[:, None] >> np.arange(2 * BITS, -1, -BITS)) % (1 << BITS) - SHIFT
     ends = np.searchsorted(unique >> 3 * BITS, np.arange(1, marks.max(initial=0) + 2))
     return [np.asarray((cells[a:b] + 0.5) * VOXEL) for a, b in pairwise(ends.tolist())]

@@ -13,7 +13,6 @@ from optipromp.core.arrays import lengths, rotation
 from optipromp.core.geometry.shapes import Box
 from optipromp.core.scenes.objects import SceneObject
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.rotations import to_quaternion
 from optipromp.core.scenes.scene import Scene
 from optipromp_eyes import (
     ByDetector,
@@ -79,6 +78,14 @@ def test_nothing_hard_is_seen_at_the_fruits_of_a_clean_picture(
     assert away.min() > 0.08
 
 
+def aside(shot: Photograph, degrees: float) -> Photograph:
+    """The same scene by a camera that is turned about the vertical of the target."""
+    pose, middle = shot.picture.camera.pose, shot.scene.target.position
+    turn = rotation(shot.scene.up, math.radians(degrees))
+    camera = Pose(middle + turn @ (pose.position - middle), turn @ pose.rotation)
+    return photograph(replace(shot.scene, camera=camera), seed=SEED)
+
+
 def behind(scene: Scene, post: SceneObject) -> int:
     """How many points of what is hard about a post are more than 30 mm beside its axis."""
     points = np.concatenate([o.position + o.shape.points for o in at_post(scene, post)])
@@ -88,13 +95,8 @@ def behind(scene: Scene, post: SceneObject) -> int:
 
 def test_what_nobody_saw_behind_a_hard_thing_is_solid_until_another_picture_shows_it() -> None:
     known, post, shot = with_post()
-    turn, middle = rotation(known.up, math.radians(60.0)), known.target.position
-    eye = shot.picture.camera.pose
-    aside = Pose(middle + turn @ (eye.position - middle), to_quaternion(turn @ eye.rotation))
-    truth = replace(shot.scene, camera=aside)
     one, two = (
-        look_at(picture, up=known.up, finder=ByNetwork())
-        for picture in (shot.picture, photograph(truth, seed=SEED).picture)
+        look_at(each.picture, up=known.up, finder=ByNetwork()) for each in (shot, aside(shot, 60.0))
     )
     alone, words = seen_scene(one, known)
     assert behind(alone, post) > 50
@@ -150,15 +152,17 @@ def test_a_ball_smaller_than_any_fruit_of_the_crop_is_no_fruit_to_push(
     assert [item.role for item in look.solids] == ["static"] * (1 - fruits)
 
 
-def test_a_stem_leads_up_from_its_fruit_and_what_is_thin_else_is_hard() -> None:
-    """A green line of 5 mm from a fruit upwards, and one from it downwards."""
+def test_a_stem_leads_up_from_its_fruit_and_what_is_thin_else_or_ripe_is_hard() -> None:
+    """A green line of 5 mm from a fruit upwards, with a red disc on it, and one downwards."""
     picture = balls((160, GREEN))
     for rows in (slice(20, 110), slice(130, 220)):
         picture.rgb[rows, 158:162], picture.depth[rows, 158:162] = GREEN, 0.4
-    look = look_at(picture, up=UP).look
+    disc = np.hypot(*(np.indices(picture.depth.shape) - [[[50]], [[160]]])) < 8.0
+    picture.rgb[disc], picture.depth[disc] = (190, 25, 30), 0.4
+    look = look_at(picture, up=UP, finder=ByGeometry()).look
     assert look.detections[0].stem is not None
-    (wire,) = look.solids
-    assert wire.role == "static"
+    wire, thing = sorted(look.solids, key=lambda item: -item.position[1])
+    assert wire.role == thing.role == "static"
     rows = (wire.position + wire.shape.points)[:, 1]
     assert rows.min() > 0.01  # below the fruit's middle, as the y axis points down
     assert np.ptp(rows) > 0.08
@@ -184,13 +188,9 @@ def test_what_no_picture_shows_is_told_and_another_from_aside_shows_it() -> None
     """Behind the target, 40 mm along the ray of the first camera, and not before it."""
     shot = shot_of(SEED)
     known, target = shot.scene, shot.scene.target
-    eye = shot.picture.camera.pose
-    turn = rotation(known.up, math.radians(70.0))
-    aside = Pose(target.position + turn @ (eye.position - target.position), turn @ eye.rotation)
-    second = photograph(replace(known, camera=aside), seed=SEED)
-    sights = [look_at(one.picture, up=known.up) for one in (shot, second)]
+    sights = [look_at(one.picture, up=known.up) for one in (shot, aside(shot, 70.0))]
     one, both = seen_scene(sights[0], known)[0].unseen, seen_scene(sights, known)[0].unseen
-    way = target.position - eye.position
+    way = target.position - shot.picture.camera.pose.position
     behind, before = (target.position + by * way / np.linalg.norm(way) for by in (0.04, -0.08))
     cells = one.position + one.shape.points
     assert lengths(cells - behind).min() < 0.01

@@ -24,7 +24,7 @@ SEEDS = range(12)
 BUNCHES = [
     preset
     for preset in PRESETS
-    if preset not in ("shelf", "elongated", "truss", "field", "wild", "standing", "vine")
+    if preset not in ("shelf", "elongated", "truss", "field", "wild", "standing", "vine", "trusses")
 ]
 BEFORE = [preset for preset in BUNCHES if preset != "tight"]
 
@@ -118,6 +118,7 @@ def test_beds_and_vines_are_of_the_crops_they_name(scenes) -> None:
     vines = of(scenes, "vine")
     assert {type(scene.target.shape) for scene in vines} == {Capsule, Ellipsoid}
     assert all(abs(scene.frame[2] @ scene.up) < 1e-9 for scene in vines)
+    assert {len(scene.taken) for scene in of(scenes, "trusses")} == {3, 4, 5}
 
 
 def test_long_fruits_lie_along_their_stems_and_apart(scenes) -> None:

@@ -169,7 +169,7 @@ def test_a_stem_is_caught_by_its_crops_grip_and_a_scene_without_a_crop_is_as_bef
 def test_presets_name_their_crop_and_a_guess_is_no_limit():
     named = {preset: crop_of_preset(preset) for preset in (*PRESETS, "mine.yaml")}
     without = {preset for preset, crop in named.items() if crop is None}
-    assert without == {"shelf", "standing", "vine", "mine.yaml"}
+    assert without == {"shelf", "standing", "vine", "trusses", "mine.yaml"}
     usual, crop = SimulationParameters(), named["field"]
     told = bearing(usual, crop)
     assert (told.thresholds.stem_force, usual.thresholds.stem_force) == (10.0, 2.0)

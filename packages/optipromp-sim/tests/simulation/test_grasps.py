@@ -8,10 +8,9 @@ import pytest
 import yaml
 from tests.robots.builders import prism, write_obj
 
-from optipromp.core.geometry import Box
+from optipromp.core.geometry import Box, distances, pack
 from optipromp.core.planning import plan
 from optipromp.core.planning.legs import plan_pick
-from optipromp.core.planning.parameters import CUTTING
 from optipromp.core.robots import FingerGripper, MeshTool, Scissor, ik, load_robot, with_tool
 from optipromp.core.robots.ik import level
 from optipromp.core.robots.mounted import Mounted
@@ -25,6 +24,7 @@ from optipromp.core.scenes import (
     save_scene,
     scene_to_dict,
 )
+from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.trajectory import Trajectory
 from optipromp_sim.generate import generate
 from optipromp_sim.simulation import Cause, simulate
@@ -94,25 +94,43 @@ def test_a_stem_between_the_blades_that_is_not_the_targets_is_told() -> None:
     assert not run.success
 
 
-@pytest.mark.parametrize("opening", [0.04, 0.12])
-def test_a_pepper_that_is_cut_from_the_side_hangs_from_the_blades(opening) -> None:
-    scene = generate("vine", 10)
+@pytest.mark.parametrize(
+    ("preset", "seed", "opening"), [("vine", 10, 0.04), ("vine", 10, 0.12), ("trusses", 1, 0.04)]
+)
+def test_what_is_cut_from_the_side_hangs_from_the_blades(preset, seed, opening) -> None:
+    """A pepper, or a whole truss; all fruits stay in the shapes that the plan has at the tool."""
+    scene = generate(preset, seed)
     tool = ToolSpec("scissor", {**scene.tool.parameters, "opening": opening})
     picked = plan_pick(replace(scene, tool=tool))
     assert picked.success, picked.message
+    assert "side of its stem" not in picked.message
     run = simulate(picked)
     assert run.success, run.outcome.message
-    assert run.outcome.cut.stems == ("ripe",)
+    assert set(run.outcome.cut.stems) == {item.id for item in scene.taken}
     assert not run.outcome.torn
-    rollout, target = run.rollout, scene.target
-    after = rollout.times > run.outcome.cut.time
-    off = (rollout.fruit_positions[:, 0] - rollout.tool_point)[after]
-    away, plumb = np.linalg.norm(off, axis=1), -off @ scene.up
+    rollout, after = run.rollout, np.flatnonzero(run.rollout.times > run.outcome.cut.time)
+    for item, held in zip(scene.taken, picked.legs["retreat"].scene.attached, strict=True):
+        solid = pack([(held.shape, held.position, from_quaternion(held.orientation))])
+        k, least = rollout.fruit_ids.index(item.id), min(item.shape.measure.half)
+        for row in after[::20]:
+            axes = run.robot.segment_frames(rollout.q[row])[1][-1] @ run.robot.tool_rotation
+            at = (rollout.fruit_positions[row, k] - rollout.tool_point[row]) @ axes
+            assert distances(solid, [at])[0].item() < 1e-3 - least
+    assert np.linalg.norm(rollout.tool_point[-1] - rollout.tool_point[after[0]]) > 0.09
+
+
+def test_a_truss_whose_highest_fruit_stays_on_the_plant_is_not_picked() -> None:
+    """A fruit that nobody saw grows behind the stem, from above the place of the cut."""
+    made = plan(generate("trusses", 0))
+    scene, (target, seen, *_) = made.scene, made.scene.taken
     line = target.stem.vector / np.linalg.norm(target.stem.vector)
-    most = np.arccos(line @ scene.up) + CUTTING.sway + CUTTING.tilt
-    assert np.ptp(away) < 2e-3
-    assert np.arccos(plumb / away).max() < most + 0.1  # the stem is up to 6 mm off the tool point
-    assert np.linalg.norm(rollout.tool_point[-1] - rollout.tool_point[after][0]) > 0.09
+    root = scene.aim + 0.03 * line  # more than a piece of the stem
+    place = root + 0.045 * scene.frame[2] - 0.02 * scene.up
+    stem = replace(seen.stem, points=np.array([place, root]))
+    hidden = replace(seen, id="hidden", position=place, stem=stem)
+    run = simulate(made, replace(scene, objects=(*scene.objects, hidden)))
+    assert set(run.outcome.cut.stems) == {item.id for item in scene.taken}
+    assert Cause.NOT_PICKED in run.outcome.causes
 
 
 def test_what_the_hanging_fruit_would_meet_on_the_way_out_is_told() -> None:

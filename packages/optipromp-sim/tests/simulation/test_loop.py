@@ -9,13 +9,13 @@ from optipromp.core.planning.task import posed
 from optipromp.core.trajectory import State
 from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.stages import LoopStage
-from optipromp_sim.generate import generate
+from optipromp_sim.generate import Preset, generate
 from optipromp_sim.simulation import Detector, Eye, Loop, SimulatedArm
 from optipromp_sim.situations import CONDITIONS, Situation, executed, picked
 
 
-def situation(name: str, seed: int) -> Situation:
-    return CONDITIONS[name](generate("cluster", seed), seed)
+def situation(name: str, seed: int, preset: Preset = "cluster") -> Situation:
+    return CONDITIONS[name](generate(preset, seed), seed)
 
 
 @pytest.fixture(scope="session")
@@ -36,8 +36,9 @@ def assert_sound(loop: Loop) -> None:
     assert curve.shares.max() <= 1.0
 
 
-def test_fruits_seen_exactly_are_picked() -> None:
-    loop = picked(situation("none", 100), 100)
+@pytest.mark.parametrize(("preset", "seed"), [("cluster", 100), ("vine", 10), ("trusses", 1)])
+def test_fruits_seen_exactly_are_picked(preset: Preset, seed: int) -> None:
+    loop = picked(situation("none", seed, preset), seed)
     assert_sound(loop)
     assert (loop.result, loop.stage) == ("clean", LoopStage.DONE)
     stages = [event.stage for event in loop.controller.events]

@@ -262,5 +262,5 @@ def test_fruits_stand_on_stems_from_below(lean):
 
 
 def test_a_bed_stands():
-    for preset in ("standing", "vine"):
+    for preset in ("standing", "vine", "trusses"):
         assert max(moved(generate(preset, 170001), 170001, 5.0).values()) < 2e-3

@@ -210,14 +210,21 @@ def test_self_clearance_is_that_of_the_pairs(panda: Robot, most: float) -> None:
 
 
 def test_the_judge_reads_shapes_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What a shape tells the planner of its size, wrong or right, does not reach the judge."""
+    """What a shape tells the planner of its size, wrong or right, does not reach the judge.
+
+    Many shapes, which are read class by class, measure what each of them does.
+    """
     of = [shapes.Sphere(0.03), shapes.Box((0.1, 0.2, 0.3)), shapes.Cylinder(0.02, 0.1),
           shapes.Capsule(0.02, 0.1), shapes.Ellipsoid((0.02, 0.03, 0.04)),
           shapes.Cone(0.03, 0.01, 0.05), shapes.HalfSpace()]  # fmt: skip
     found, told = measured(of), measures(of)
     for mine, other in zip(found, told, strict=True):
         np.testing.assert_allclose(mine, other, rtol=1e-15)
+    for read in (measured, measures):
+        for one, many in zip(read(of), read(5 * of), strict=True):
+            np.testing.assert_array_equal(many, np.concatenate(5 * [one]))
     monkeypatch.setattr(shapes.Primitive, "measure", shapes.Sphere(1e-3).measure)
+    of = [*map(replace, of)]  # not read before
     assert (measures(of)[0] == measures(of)[0][0]).all()
     for mine, again in zip(found, measured(of), strict=True):
         np.testing.assert_array_equal(again, mine)

@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from tests.robots.builders import INNER
 
+from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import distances, pack
 from optipromp.core.geometry.shapes import Box
 from optipromp.core.planning.cutting import hung, steady
@@ -15,7 +16,7 @@ from optipromp.core.planning.task import aimed_at_stem, resolve
 from optipromp.core.pushing.stems.hanging import Hanging
 from optipromp.core.robots import Cup, Mounted, Scissor, Solid
 from optipromp.core.robots.mounted import Load
-from optipromp.core.scenes import Scene, Stem
+from optipromp.core.scenes import Scene, Stem, ToolSpec
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.trajectory import Trajectory
 from optipromp_sim.generate import generate
@@ -126,30 +127,59 @@ def test_another_stem_between_the_blades_is_harm() -> None:
     assert model.led(0, points, np.tile(z_g, (60, 1))).harm.inside > 0.03
 
 
-@pytest.mark.parametrize("seed", [0, 1, 10])
-def test_the_fruit_that_hangs_is_held_by_its_shape_wherever_it_swings(seed) -> None:
+@pytest.mark.parametrize(
+    ("preset", "seed"), [("vine", 0), ("vine", 1), ("vine", 10), ("trusses", 0), ("trusses", 1)]
+)
+def test_what_hangs_is_held_by_its_shapes_wherever_it_swings(preset, seed) -> None:
     """Turned about the place of the cut, from plumb, by up to lean, sway and tilt together."""
-    task = resolve(generate("vine", seed))
-    scene, target, robot = task.scene, task.scene.target, task.robot
-    fruit, path = hung(scene, robot, robot.home)
+    task = resolve(generate(preset, seed))
+    scene, robot = task.scene, task.robot
+    taken = [item for item in scene.objects if item.stem and item.id.startswith("ripe")]
+    fruits, path = hung(scene, robot, robot.home)
     axes = robot.segment_frames(robot.home)[1][-1] @ robot.tool_rotation
     np.testing.assert_allclose(axes @ path.upright.axis, scene.up, atol=1e-9)
-    pivot = target.position + scene.approach.shift
-    solid = pack([(fruit.shape, fruit.position, from_quaternion(fruit.orientation))])
-    own = target.shape.mesh().vertices @ target.rotation.T + target.position - pivot
-    line = target.stem.vector / np.linalg.norm(target.stem.vector)
+    off = np.array([item.position for item in taken]) - scene.aim
+    line = -np.average(off, axis=0, weights=[item.shape.volume for item in taken])
+    line /= np.linalg.norm(line)
     most = np.arccos(line @ scene.up) + CUTTING.sway + CUTTING.tilt
     plumb = Rotation.align_vectors([scene.up], [line])[0]
-    for turn in np.linspace(0.0, 2.0 * np.pi, 9):
-        swing = Rotation.from_rotvec(most * np.array([np.cos(turn), np.sin(turn), 0.0]))
-        away, _ = distances(solid, (swing * plumb).apply(own) @ axes)
-        assert away.max() < 2e-3
+    for item, fruit in zip(taken, fruits, strict=True):
+        solid = pack([(fruit.shape, fruit.position, from_quaternion(fruit.orientation))])
+        own = item.shape.mesh().vertices @ item.rotation.T + item.position - scene.aim
+        for turn in np.linspace(0.0, 2.0 * np.pi, 9):
+            swing = Rotation.from_rotvec(most * np.array([np.cos(turn), np.sin(turn), 0.0]))
+            away, _ = distances(solid, (swing * plumb).apply(own) @ axes)
+            assert away.max() < 2e-3
 
 
-def test_a_steady_motion_sways_a_pendulum_as_little_as_it_says() -> None:
+def test_a_truss_is_cut_above_all_of_its_fruits_and_by_nothing_but_a_scissor_from_the_side() -> (
+    None
+):
+    scene = generate("trusses", 0)
+    approach, task = scene.approach, resolve(scene)
+    top = max(item.stem.root[2] for item in scene.taken[1:])
+    assert task.scene.aim[2] - top > 0.015
+    assert not task.neighbours
+    assert resolve(scene.approached(replace(approach, truss=False))).scene.aim[2] < top
+    roles = {"ripe": "pushable", "ripe-1": "target"}
+    other = scene.each(lambda item: replace(item, role=roles.get(item.id, item.role)))
+    below = replace(scene, approach=replace(approach, direction=scene.up))
+    for wrong, remedy in (
+        (replace(scene, tool=ToolSpec("cup", {"radius": 0.03})), "kind: scissor"),
+        (other, "at the end of the stem"),
+        (below, "a level approach.direction"),
+    ):
+        with pytest.raises(InvalidSceneError, match=remedy):
+            resolve(wrong)
+
+
+@pytest.mark.parametrize("waves", [0, 2])
+def test_a_steady_motion_sways_a_pendulum_as_little_as_it_says(waves: int) -> None:
     """The pendulum is integrated, as long as the cut is from the fruit's centre."""
     task = resolve(vine())
-    robot, q = task.robot, task.robot.home + np.linspace(0.0, 0.3, 40)[:, None] * np.eye(7)[0]
+    robot, share = task.robot, np.linspace(0.0, 1.0, 40)
+    turned = 0.3 * share + 0.1 * np.sin(np.pi * share) ** 2 * np.sin(2.0 * np.pi * waves * share)
+    q = robot.home + turned[:, None] * np.eye(7)[0]
     fast = Trajectory.through(q, 0.01, robot.joint_names)
     long = float(np.linalg.norm(task.scene.approach.shift))
     sways = []

@@ -18,7 +18,7 @@ from optipromp.core.files import check_folder, is_file, json_text, write_atomica
 from optipromp.core.output import ROWS
 from optipromp.core.robots.library import NOTHING
 from optipromp_bench.experiments.cluster import Progress, gathered
-from optipromp_bench.experiments.forest import Share, Shares, forest
+from optipromp_bench.experiments.forest import Panels, Share, forest
 from optipromp_bench.experiments.rows import Key, Row, RowFile, locked, source_version
 from optipromp_bench.experiments.statistics import PlanCell, calibration, loop_summary, summary
 from optipromp_bench.experiments.trials import FOLDER, digests, run_trials, warm_up
@@ -141,7 +141,7 @@ def write_results(rows: Sequence[Row], folder: Path) -> None:
 
 def study_picture(cells: Iterable[PlanCell]) -> bytes:
     """SVG: what became of the plans of each preset and planner, with 95 % intervals (Wilson)."""
-    shares: Shares = {}
+    shares: Panels = {}
     for c in cells:
         counts = {
             "promised and picked": (c.kept, c.runs), "broken promises": (c.broken, c.plans),

@@ -9,7 +9,9 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.planning.task import posed
+from optipromp.core.robots.grippers import Scissor
 from optipromp.core.robots.model import Robot
+from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool
 from optipromp.core.scenes.look import Look
 from optipromp.core.scenes.objects import rooted
@@ -103,14 +105,15 @@ def target_row(tracked: Tracked) -> int | None:
 def outside(robot: Robot, q: FloatArray, tracked: Tracked, planned: FloatArray) -> bool:
     """Whether the target is outside of the tool at ``q`` (n,), as far as the looks tell.
 
-    What a tool without a mouth takes is at ``planned`` (3,), from the tool point [m].
+    What a tool without a mouth takes is at ``planned`` (3,), from the tool point [m]; so is what
+    hangs from blades.
     """
     row = target_row(tracked)
     if robot.tool is None or row is None:
         return robot.tool is not None
     place, spread = tracked.positions[row], tracked.covariance[row]
     known = float(np.sqrt(np.linalg.eigvalsh(spread)[-1]))  # along any direction
-    if robot.tool.mouth[0] > 0.0:
+    if robot.tool.mouth[0] > 0.0 and not isinstance(unmounted(robot.tool), Scissor):
         return not inside(robot, q, place, known)
     point, _ = robot.tool_pose(q)
     return math.dist(place, point + planned) > _wide(robot.tool) + known

@@ -56,7 +56,8 @@ def generate(
             and a gutter; mixed: all of these; tight: fruits that nearly touch; limp: plumb stems;
             elongated: long fruits; truss: fruits on one truss; field: fruits, stems and trusses of
             all kinds; shelf: cans and boxes; wild: as in pictures of plantations; standing:
-            mushrooms and asparagus; vine: peppers and cucumbers, which a scissor cuts.
+            mushrooms and asparagus; vine: peppers and cucumbers, which a scissor cuts; trusses:
+            of tomatoes, cut as a whole.
         out (DIR): Where the scene files go.
         seed (0..): Of the first scene; each next has one more.
         count (1..): How many scenes.

@@ -75,7 +75,7 @@ def interpenetration(scene: Scene) -> str | None:
             core, radius = cores[j]
             if between(*one.stem.points, *core) < radius + one.stem.radius:
                 return "stem in fruit"
-            if j > i and other.stem is not None and not _shared(one, other):
+            if j > i and other.stem is not None and scene.tops[one.id] != scene.tops[other.id]:
                 gap = between(*one.stem.points, *other.stem.points)
                 if gap < one.stem.radius + other.stem.radius:
                     return "stem in stem"
@@ -85,15 +85,6 @@ def interpenetration(scene: Scene) -> str | None:
             if apart - one.radius - other.radius < 0.0:
                 return "neighbour in neighbour"
     return None
-
-
-def _shared(one: SceneObject, other: SceneObject) -> bool:
-    """Whether two stems grow from one root: they may touch there."""
-    roots = [
-        item.id if item.stem is None or item.stem.parent is None else item.stem.parent
-        for item in (one, other)
-    ]
-    return roots[0] == roots[1]
 
 
 def _core(item: SceneObject) -> tuple[FloatArray, float]:

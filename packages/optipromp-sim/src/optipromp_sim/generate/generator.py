@@ -25,7 +25,7 @@ from optipromp_sim.generate.placing import UnfitError, at_robot
 
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
-    "field", "shelf", "wild", "standing", "vine",
+    "field", "shelf", "wild", "standing", "vine", "trusses",
 ]  # fmt: skip
 PRESETS: tuple[Preset, ...] = get_args(Preset)
 PANDA = "panda"
@@ -74,6 +74,7 @@ KINDS: Mapping[Preset, Kind] = {
         crop="",
     ),
     "vine": Kind(vines.sample, 1, 3, panda_only=True, crop=""),
+    "trusses": Kind(vines.trusses, 0, 2, panda_only=True, crop=""),
 }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, frame_along, frozen, rotation
 from optipromp.core.scenes.pose import Pose
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene
 from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.parameters import DisturbanceParameters
 
@@ -169,15 +169,3 @@ def add_carriage(spec: Any, key: str, place: FloatArray) -> tuple[str, FloatArra
     for k, axis in enumerate(np.eye(3)):
         body.add_joint(name=f"{name}:{k}", type=mujoco.mjtJoint.mjJNT_SLIDE, axis=axis)
     return name, place
-
-
-def roots_of(objects: Sequence[SceneObject]) -> dict[str, str]:
-    """The id of the object whose stem holds each object on a stem, itself or through its truss."""
-    above = {item.id: item.stem.parent for item in objects if item.stem is not None}
-    out = {}
-    for name in above:
-        top = name
-        while (parent := above.get(top)) is not None:
-            top = parent
-        out[name] = top
-    return out

@@ -84,11 +84,11 @@ CAN_GAP = 1e-3  # [m] by which the capsule in a can is shorter than the can
 UNSEEN = (0.0, 0.0, 0.0, 0.0)  # colour
 SWEEPS = 8  # of the search for a damping time; each brings its ratio nearer by some 3 times
 BOUNCE = 0.17  # damping ratio of a fruit that stretches its stem: a guess, as coffee on its pedicel
-WELD_TIME = 0.004  # [s] time constant of the joint between stem and fruit
 # [rad] turns of stems that stand still at rest, once their load goes. An elastic stem that holds a
 # load off the vertical falls over from 2.7 on, one that holds the bow of a thread from 60 on.
 STATED_TURN, BOW_TURN = 2.0, 20.0
-WELD_IMPEDANCE = [0.9999, 0.9999, 0.001, 0.5, 2.0]  # stiff: carries all but 1e-4 of a load at once
+# of the joint between stem and fruit: [s] its time constant; all but 1e-4 of a load at once
+FIRM = {"solref": [0.004, 1.0], "solimp": [0.9999, 0.9999, 0.001, 0.5, 2.0]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +157,7 @@ def add_fruit(
     weld = spec.add_equality(
         name=f"weld:{key}", type=mujoco.mjtEq.mjEQ_WELD, objtype=mujoco.mjtObj.mjOBJ_BODY,
         name1=f"stem:{key}:{len(nodes) - 2}", name2=f"fruit:{key}", active=True,
-        solref=[WELD_TIME, 1.0], solimp=WELD_IMPEDANCE,
+        **FIRM,
     )  # fmt: skip
     turns = 1.0 if parameters.stem.calyx == "rigid" else 0.0  # MuJoCo's torquescale
     weld.data = [*mouth, *[0.0] * 7, turns, *[0.0] * (len(weld.data) - 11)]

@@ -12,7 +12,7 @@ from optipromp.core.robots.mounted import unmounted
 from optipromp.core.scenes.rotations import from_quaternion
 from optipromp.core.scenes.scene import JointGoal
 from optipromp_sim.simulation.engine import Layer, engine
-from optipromp_sim.simulation.world import GRIP, Fruit, World
+from optipromp_sim.simulation.world import GRIP, PEDUNCLE, Fruit, World
 
 LIP = 0.003  # [m] chosen: height of the contacts of a lip below its plane, and beyond its radius
 ALONG_STEM = 0.001  # [m] chosen: between the points of a stem that may be between the blades
@@ -62,14 +62,14 @@ def on_lip(
     return touched
 
 
-def wanted(world: World) -> str | None:
-    """The fruit whose stem is to be cut: the target, else the one whose stem is nearest the goal.
+def wanted(world: World) -> tuple[str, ...]:
+    """The fruits that are to come off: what is taken, else the one whose stem is nearest the goal.
 
     None where no fruit has a stem.
     """
     scene = world.scene
     if scene.target is not None:
-        return scene.target.id
+        return tuple(item.id for item in scene.taken)
     goal = scene.goals[0]
     if isinstance(goal, JointGoal):
         place = world.robot.tool_pose(goal.joints)[0]
@@ -80,7 +80,7 @@ def wanted(world: World) -> str | None:
         for item in scene.objects
         if item.stem is not None
     }
-    return min(near, key=lambda name: near[name], default=None)
+    return tuple(sorted(near, key=lambda name: near[name])[:1])
 
 
 def between_blades(world: World, data: Any) -> tuple[list[int], list[str]]:
@@ -131,26 +131,32 @@ def grip(world: World, data: Any, target: Fruit) -> None:
     """Hold the target in the tool from now on.
 
     A hand holds it as it is, without a contact: how hard fingers press is theirs. A scissor holds
-    the end of its stem, about which the fruit turns freely; what was below on the stem is gone.
+    the end of its stem, about which the fruit turns freely; what was below on the stem is gone. Of
+    a truss it holds the stem firmly, with all that grows from it; what was above is gone.
     """
-    model = world.model
+    model, body, truss = world.model, target.body, len(world.scene.taken) > 1
     weld, tool = model.equality(GRIP).id, model.body("tool").id
-    turn, own = data.xmat[tool].reshape(3, 3), data.xmat[target.body].reshape(3, 3)
-    off = data.xpos[target.body] - data.xpos[tool]
     data.eq_active[weld] = 1
     if scissor_of(world) is not None:
-        joints, robot = target.stem(data), world.robot.tool
-        assert robot is not None
-        points = _along(joints)
-        away = lengths(points - data.xpos[tool] - turn @ robot.point)
-        end = points[int(np.argmin(away))] - data.xpos[tool]
-        model.eq_data[weld, :6] = [*turn.T @ end, *own.T @ (end - off)]
+        joints = target.stem(data)
         pieces = range(target.last + 2 - len(joints), target.last + 1)
         cut = (k for k in between_blades(world, data)[0] if k in pieces)
         first = min(cut, default=pieces.start)
-        gone = (model.geom_bodyid >= first) & (model.geom_bodyid <= target.last)
+        low, high = (pieces.start, first) if truss else (first, pieces.stop)
+        gone = (model.geom_bodyid >= low) & (model.geom_bodyid < high)
         model.geom_contype[gone] = model.geom_conaffinity[gone] = 0
         model.geom_rgba[gone, 3] = 0.0
+        if truss:
+            data.eq_active[model.equality(PEDUNCLE).id] = 0
+            model.eq_obj2id[weld] = body = first
+    turn, own = data.xmat[tool].reshape(3, 3), data.xmat[body].reshape(3, 3)
+    off = data.xpos[body] - data.xpos[tool]
+    if scissor_of(world) is not None and not truss:
+        points, robot = _along(joints), world.robot.tool
+        assert robot is not None
+        away = lengths(points - data.xpos[tool] - turn @ robot.point)
+        end = points[int(np.argmin(away))] - data.xpos[tool]
+        model.eq_data[weld, :6] = [*turn.T @ end, *own.T @ (end - off)]
         return
     quaternion = np.zeros(4)
     engine().mju_mat2Quat(quaternion, (turn.T @ own).ravel())

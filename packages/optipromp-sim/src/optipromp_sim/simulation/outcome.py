@@ -360,7 +360,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
     tool = world.robot.tool
     if rollout.cut is not None:
         aimed = wanted(world)
-        picked = None if aimed is None else aimed in rollout.cut.stems
+        picked = {*aimed} <= {*rollout.cut.stems} if aimed else None
     elif target is not None and (tool is None or tool.mouth[0] > 0.0 or suction_of(world)):
         mine = inside[target]
         late = rollout.times >= rollout.times[-1] - limits.rest_time - 1e-9
@@ -395,7 +395,7 @@ def judge(world: World, rollout: Rollout, log: ContactLog) -> Outcome:
         return replace(facts, cause=causes[0], causes=causes, message="; ".join(words) + note)
     told = f"the target alone is {inside_words(world)}, nothing was harmed"
     if picked is not None and facts.cut is not None:
-        told = f"the stem of {wanted(world)} alone is cut, nothing was harmed"
+        told = f"the stem of {wanted(world)[0]} alone is cut, nothing was harmed"
     if picked is None:
         told = "the motion was executed, nothing was harmed"
     return replace(facts, success=True, message=told + note)
@@ -430,7 +430,7 @@ def _failures(outcome: Outcome, world: World, log: ContactLog) -> Iterator[tuple
         words = (f"{i} ({log.torn[i]})" if i in log.torn else i for i in outcome.torn)
         yield Cause.TORN, f"torn off: {', '.join(words)}"
     if outcome.cut is not None:
-        shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i != wanted(world)]
+        shut_on = [f"the stem of {i}" for i in outcome.cut.stems if i not in wanted(world)]
         shut_on += list(outcome.cut.fruits)
         if shut_on:
             yield Cause.CUT_OTHER, f"the blades closed on {', '.join(shut_on)}"
@@ -455,7 +455,7 @@ def _failures(outcome: Outcome, world: World, log: ContactLog) -> Iterator[tuple
     if outcome.tracking_error > limits.tracking_error:
         yield Cause.TRACKING, f"the tool was {1e3 * outcome.tracking_error:.0f} mm off its path"
     if outcome.picked is False and outcome.cut is not None:
-        yield Cause.NOT_PICKED, f"the stem of {wanted(world)} is not cut"
+        yield Cause.NOT_PICKED, f"the stem of {wanted(world)[0]} is not cut"
     elif outcome.picked is False:
         yield Cause.NOT_PICKED, f"the target is not {inside_words(world)}"
 

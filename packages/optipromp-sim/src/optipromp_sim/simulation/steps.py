@@ -11,7 +11,7 @@ from optipromp.core.arrays import BoolArray, FloatArray, frozen
 from optipromp.core.trajectory import Trajectory
 from optipromp_sim.simulation.arm import GUARD
 from optipromp_sim.simulation.contacts import ContactLog, is_sound, pressing
-from optipromp_sim.simulation.disturbances import CARRIAGE_MASS, roots_of
+from optipromp_sim.simulation.disturbances import CARRIAGE_MASS
 from optipromp_sim.simulation.engine import engine
 from optipromp_sim.simulation.grasps import between_blades, carried_by, grip, scissor_of
 from optipromp_sim.simulation.outcome import HarmLog
@@ -310,9 +310,9 @@ class Execution:
     def close(self) -> None:
         """Close the blades of a scissor, once, and hold a target that was cut; others stay open."""
         if self.cut is None and scissor_of(self.world) is not None:
-            self.cut, aim = self.stems.close(self.data), self.world.scene.target
+            self.cut, taken = self.stems.close(self.data), self.world.scene.taken
             for fruit in self.world.shown:
-                if aim is not None and fruit.id == aim.id in self.cut.stems:
+                if fruit.role == "target" and {item.id for item in taken} <= {*self.cut.stems}:
                     grip(self.world, self.data, fruit)
 
     def begin(self, q: FloatArray) -> None:
@@ -383,8 +383,7 @@ class StemWatch:
         self._torn_by: dict[str, float] = {}
         fruits = [fruit for fruit in world.fruits if fruit.weld >= 0]
         self._by_id = {fruit.id: fruit for fruit in fruits}
-        roots = roots_of(world.scene.objects)
-        size = Counter(roots.values())
+        roots, size = world.scene.tops, Counter(world.scene.tops.values())
         self._tops = {name: top for name, top in roots.items() if size[top] > 1}  # of trusses
         self._truss_force = world.parameters.stem.truss_force
         self._hold(fruits, np.zeros(len(fruits)))
@@ -431,7 +430,10 @@ class StemWatch:
             self._cut(data, gone)
 
     def close(self, data: Any) -> StemCut:
-        """Close the blades of the scissor: fruits beyond the stems between them come off."""
+        """Close the blades of the scissor: fruits beyond the stems between them come off.
+
+        Those of a truss that comes off whole stay on its stem.
+        """
         pieces, between = between_blades(self._world, data)
         beyond = carried_by(self._world, pieces)
         bodies = {
@@ -439,26 +441,27 @@ class StemWatch:
         }
         gone = np.array([fruit.body in bodies for fruit in self._fruits], dtype=np.bool_)
         off = [self._fruits[i].built.key for i in np.flatnonzero(gone)]
-        if off:
-            self._cut(data, gone)
-            self.torn = {key: time for key, time in self.torn.items() if key not in off}
+        own = {item.id for item in self._world.scene.taken}
+        if len(own) > 1:
+            mine = np.array([fruit.id in own for fruit in self._fruits], dtype=np.bool_)
+            gone &= ~(mine & gone[mine].all())
+        self._cut(data, gone, torn=False)
         return StemCut(tuple(off), tuple(between), float(data.time))
 
     def cut(self, data: Any, fruit: Fruit) -> None:
         """Cut the stem of a fruit on purpose: it does not count as torn."""
         mine = np.array([one.built.key == fruit.built.key for one in self._fruits], dtype=np.bool_)
-        if mine.any():
-            self._cut(data, mine)
-            del self.torn[fruit.built.key]
+        self._cut(data, mine, torn=False)
 
-    def _cut(self, data: Any, gone: BoolArray) -> None:
+    def _cut(self, data: Any, gone: BoolArray, *, torn: bool = True) -> None:
         for i in np.flatnonzero(gone):
             fruit, key = self._fruits[i], self._fruits[i].built.key
             data.eq_active[fruit.weld] = 0
             data.qfrc_applied[fruit.dofs] -= (fruit.built.grown - fruit.built.bare).ravel()
             for carrier, torque in fruit.built.carried_by.items():
                 data.qfrc_applied[self._by_id[carrier].dofs] -= torque.ravel()
-            self.torn[key] = float(data.time)
+            if torn:
+                self.torn[key] = float(data.time)
             self._torn_by[key] = float(self._tension[i])
         held = np.flatnonzero(~gone)
         self._hold([self._fruits[i] for i in held], self._tension[held])

@@ -17,11 +17,11 @@ from optipromp.core.robots.mounted import unmounted
 from optipromp.core.scenes.objects import UNSEEN_SPREAD, ObjectMotion, parents_first, rooted
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.rotations import to_quaternion
-from optipromp.core.scenes.scene import Scene, SceneObject, Stem
+from optipromp.core.scenes.scene import STEM_RADIUS, Scene, SceneObject, Stem
 from optipromp_sim.simulation.arm import Drives, add_robot, drives, link_entities
-from optipromp_sim.simulation.disturbances import RootMotion, disturbed, root_motion, roots_of
+from optipromp_sim.simulation.disturbances import RootMotion, disturbed, root_motion
 from optipromp_sim.simulation.engine import NOBODY, Entity, add_shape, engine, layers
-from optipromp_sim.simulation.fruits import BuiltFruit, add_fruit, bows, trusses_of
+from optipromp_sim.simulation.fruits import FIRM, BuiltFruit, Truss, add_fruit, bows, trusses_of
 from optipromp_sim.simulation.parameters import SimulationParameters, of_crop
 
 STATIC_COLOUR = (0.62, 0.60, 0.57, 1.0)
@@ -148,7 +148,7 @@ def build(
 
 def _moving(world: World, seed: int) -> World:
     """The world with its roots and their motion."""
-    tops, shaken = roots_of(world.scene.objects), world.parameters.disturbance.in_motion
+    tops, shaken = world.scene.tops, world.parameters.disturbance.in_motion
     courses = {item.id: course.shifted(-item.position) for item, course in world.scene.movers}
     by: dict[str, list[int]] = {}  # a fruit of a neighbouring cluster has a root of its own
     for index, fruit in enumerate(world.fruits):
@@ -202,11 +202,11 @@ class _Draft:
             elif p.avoid_as == "soft":
                 rough, solref = [0.1, 0.005, 1e-4], [-k, -2.0 * np.sqrt(k)]
                 self._solid(obj, rgba=AVOID_COLOUR, friction=rough, priority=1, solref=solref)
-        add_grip(self.spec, scene, robot)
         if p.avoid_as == "fruits":
             rng = np.random.default_rng(seed)
             for obj in scene.avoid:
                 self._cluster(obj, rng)
+        add_grip(self.spec, scene, robot)
         self._floor()
         self._lights()
 
@@ -257,11 +257,23 @@ class _Draft:
     def _fruit(self, obj: SceneObject) -> None:
         entity = self._entity("fruit" if obj.stem is not None else "thing", obj.id)
         stem = -1 if obj.stem is None else self._entity("stem", obj.id)
+        if obj.role == "target" and len(self.scene.taken) > 1:
+            self.trusses[obj.id] = self._severed(obj)
         built = add_fruit(
             self.spec, obj, self.parameters, entity, stem, self.scene.up,
             truss=self.trusses.get(obj.id), bow=self.bows.get(obj.id),
         )  # fmt: skip
         self.fruits.append((obj, built, entity, stem))
+
+    def _severed(self, obj: SceneObject) -> Truss:
+        """The truss of the target, whose root is a light free body; :func:`add_grip` welds it."""
+        assert obj.stem is not None
+        if self.parameters.disturbance.in_motion:
+            raise InvalidRequestError("approach.truss: simulated on plants that stand; sway none")
+        root = self.spec.worldbody.add_body(name=PEDUNCLE, pos=obj.stem.root, explicitinertial=True)
+        root.mass, root.inertia = LIGHT, [LIGHT * STEM_RADIUS**2] * 3
+        root.add_freejoint(name=PEDUNCLE)
+        return replace(self.trusses[obj.id], grows_from=(PEDUNCLE, obj.stem.root))
 
     def _solid(self, obj: SceneObject, **surface: Any) -> None:
         """A static object, or a neighbouring cluster that yields as a solid."""
@@ -418,20 +430,27 @@ def apart(scene: Scene) -> tuple[Scene, dict[str, float]]:
 
 GRIP = "grip"
 """Name of the weld between the tool and the target; it holds from the pick to the release."""
+PEDUNCLE = "peduncle"  # the root of a truss that is cut, and the weld that holds it until then
+LIGHT = 1e-3  # [kg] chosen: of that root, about that of a piece of stem
 
 
 def add_grip(spec: Any, scene: Scene, robot: Robot) -> None:
     """Add the weld, which does not hold yet, after those of the stems; for a tool and a target.
 
-    Of a scissor it is a ball joint.
+    Of a scissor it is a ball joint, unless it holds a truss: the root of that is welded until then.
     """
-    kind = engine().mjtEq
+    mujoco, truss = engine(), len(scene.taken) > 1
+    swings = isinstance(unmounted(robot.tool), Scissor) and not truss
+    weld, body = mujoco.mjtEq.mjEQ_WELD, mujoco.mjtObj.mjOBJ_BODY
+    if truss:
+        spec.add_equality(
+            name=PEDUNCLE, type=weld, objtype=body, name1="world", name2=PEDUNCLE, **FIRM
+        ).data = [*[0.0] * 10, 1.0, 0.0]  # about the root itself
     if robot.tool is None or scene.target is None:
         return
-    swings = isinstance(unmounted(robot.tool), Scissor)
     spec.add_equality(
-        name=GRIP, type=kind.mjEQ_CONNECT if swings else kind.mjEQ_WELD, active=False,
-        objtype=engine().mjtObj.mjOBJ_BODY, name1="tool", name2=f"fruit:{scene.target.id}",
+        name=GRIP, type=mujoco.mjtEq.mjEQ_CONNECT if swings else weld, active=False, objtype=body,
+        name1="tool", name2=f"fruit:{scene.target.id}", **(FIRM if truss else {}),
     )  # fmt: skip
 
 

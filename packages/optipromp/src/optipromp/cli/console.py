@@ -24,7 +24,7 @@ _REPEAT = 10.0  # [s] after which a step is told again
 
 Preset = Literal[
     "cluster", "side-clusters", "table-top", "mixed", "tight", "limp", "elongated", "truss",
-    "field", "shelf", "wild", "standing", "vine",
+    "field", "shelf", "wild", "standing", "vine", "trusses",
 ]  # fmt: skip
 
 Seed = Annotated[int, typer.Option(min=0, help="Same seed, same outcome.")]

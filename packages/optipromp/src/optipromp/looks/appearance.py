@@ -193,8 +193,9 @@ def object_parts(scene: Scene, item: SceneObject) -> tuple[Part, ...]:
 
 def colour_of(scene: Scene, item: SceneObject) -> str:
     """The colour ``#rrggbb`` of an object of a scene."""
-    if item.role != "pushable":
-        return ROLES[item.role]
+    ripe = item in scene.taken
+    if ripe or item.role != "pushable":
+        return ROLES["target" if ripe else item.role]
     colours = PUSHABLES if item.stem is None else UNRIPE
     return colours[[other.id for other in scene.pushables].index(item.id) % len(colours)]
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.compiled import kernel
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.shapes import GRID, Shape
+from optipromp.core.geometry.shapes import GRID, Alike, Shape
 
 FEWEST = 24  # obstacles; with fewer, measuring them all is as fast
 _EDGE = 0.12  # [m] of a cell at least, about the size of a link: a choice
@@ -167,8 +167,9 @@ def pack(
         InvalidSceneError: a pose is not finite, a matrix is no rotation, or a mesh is degenerate.
     """
     shapes = [shape for shape, _, _ in items]
-    position = _stacked([at for _, at, _ in items], (3,))
-    rotation = _stacked([turn for _, _, turn in items], (3, 3))
+    position = np.array([at for _, at, _ in items], dtype=np.float64).reshape(-1, 3)
+    rotation = np.array([turn for _, _, turn in items], dtype=np.float64).reshape(-1, 3, 3)
+    _check_poses(position, rotation)
     return packed_shapes(shapes, position, rotation, measures(shapes), reach=reach, within=within)
 
 
@@ -176,9 +177,8 @@ def packed_shapes(
     shapes: Sequence[Shape], position: FloatArray, rotation: FloatArray, measured: Measures, *,
     reach: float = 0.0, within: float = 0.0,
 ) -> Obstacles:  # fmt: skip
-    """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays already."""
+    """:func:`pack` for poses (K, 3), (K, 3, 3) and measures that are arrays, checked already."""
     kind, size, bound = measured
-    _check_poses(position, rotation)
     grid, grids = np.full(len(kind), -1, dtype=np.int64), _NO_GRIDS
     if own := [shapes[k] for k in np.flatnonzero(kind == GRID).tolist()]:
         shaped = list({id(shape): shape for shape in own}.values())
@@ -191,22 +191,13 @@ def packed_shapes(
     return Obstacles(kind, position, rotation, size, bound, grid, *grids, cells)
 
 
-def measures(shapes: Sequence[Shape]) -> Measures:
+def measures(of: Sequence[Shape] | Alike) -> Measures:
     """``kind`` (K,), ``size`` (K, 3) and ``bound`` (K,) of shapes, see :class:`Obstacles`."""
-    own = (shape.measure for shape in shapes)  # 100,000 that were kept would be collected for long
-    numbers = (x for one in own for x in (one.kind, *one.size, one.bound))
-    rows = np.fromiter(numbers, np.float64, 5 * len(shapes)).reshape(-1, 5)
-    return rows[:, 0].astype(np.int64), rows[:, 1:4].copy(), rows[:, 4].copy()
-
-
-def _stacked(arrays: Sequence[ArrayLike], shape: tuple[int, ...]) -> FloatArray:
-    """K arrays of one ``shape``, stacked (K, ...): for small arrays faster than ``np.stack``."""
-    flat = [np.asarray(array, dtype=np.float64) for array in arrays]
-    if any(array.shape != shape for array in flat):
-        flat = [np.broadcast_to(array, shape) for array in flat]
-    if not flat:
-        return np.zeros((0, *shape))
-    return np.concatenate(flat).reshape(len(flat), *shape)
+    of = of if isinstance(of, Alike) else Alike.of(of)
+    kind, size, bound = np.empty(of.number, np.int64), np.empty((of.number, 3)), np.empty(of.number)
+    for k, one in of.parts:
+        kind[k], (size[k, 0], size[k, 1], size[k, 2]), bound[k], *_ = one.measure
+    return kind, size, bound
 
 
 def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:

@@ -9,11 +9,13 @@ from __future__ import annotations
 import itertools
 import math
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Le, Unit
@@ -29,6 +31,7 @@ LEAST = 1e-7  # [m] least size of a shape, chosen: corners within a nanometre co
 SPHERE, BOX, CYLINDER, CAPSULE, HALF_SPACE, GRID, ELLIPSOID, CONE = range(8)
 
 GRID_PADDING = 3  # least cells between a grid's border and the bounding box of the shape
+FEW = 24  # shapes; fewer are read one by one as fast
 ROUND = 28  # faces around a drawn ball
 FINE = 48  # points around a round shape whose mesh is measured, weighed or simulated
 MOST_POINTS = 1500  # drawn of a point cloud
@@ -58,6 +61,10 @@ class Measure(NamedTuple):
 NO_SIZE = 0.0, 0.0, 0.0
 
 
+_hypot: Any = np.frompyfunc(math.hypot, 3, 1)  # of numbers, or of arrays
+_most: Any = np.frompyfunc(max, 3, 1)
+
+
 class BallPair(NamedTuple):
     """Two balls on a line through a shape's origin, whose hull stands for the shape."""
 
@@ -77,7 +84,7 @@ class Shape(ABC):
     def mesh(self, around: int = 24) -> MeshShape:
         """A closed mesh of the surface; of a round one inscribed, with ``around`` points around."""
 
-    @property
+    @cached_property
     def measure(self) -> Measure:
         """Kind, sizes and bounds; a shape without a kernel is measured on a grid."""
         return self._measured()
@@ -200,7 +207,7 @@ class Box(Primitive):
     def _measured(self) -> Measure:
         x, y, z = self.size
         half = 0.5 * x, 0.5 * y, 0.5 * z
-        return Measure(BOX, half, 0.5 * math.hypot(x, y, z), half, x * y * z)
+        return Measure(BOX, half, 0.5 * _hypot(x, y, z), half, x * y * z)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         return faces.box(np.array(self.size), cut)
@@ -216,7 +223,7 @@ class Cylinder(Primitive):
     def _measured(self) -> Measure:
         r, half = self.radius, 0.5 * self.length
         volume = np.pi * r**2 * self.length
-        return Measure(CYLINDER, (r, half, 0.0), math.hypot(r, half), (r, r, half), volume)
+        return Measure(CYLINDER, (r, half, 0.0), _hypot(r, half, 0.0), (r, r, half), volume)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         pieces = min(int(self.length / cut), faces.MOST_PIECES)
@@ -256,7 +263,7 @@ class Ellipsoid(Primitive):
     def _measured(self) -> Measure:
         x, y, z = self.radii
         volume = 4.0 / 3.0 * np.pi * (x * y * z)
-        return Measure(ELLIPSOID, self.radii, max(self.radii), self.radii, volume)
+        return Measure(ELLIPSOID, self.radii, _most(x, y, z), self.radii, volume)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         return np.asarray(faces.sphere(np.zeros(3), 1.0, ROUND) * np.array(self.radii))
@@ -291,7 +298,7 @@ class Cone(Primitive):
             )
 
     def _measured(self) -> Measure:
-        half, wide = 0.5 * self.length, max(self.radius, self.tip)
+        half, wide = 0.5 * self.length, _most(self.radius, self.tip, 0.0)
         return Measure(CONE, (self.radius, half, self.tip), wide + half, (wide, wide, wide + half))
 
     def surface(self, cut: float = np.inf) -> FloatArray:
@@ -333,6 +340,30 @@ PRIMITIVES: dict[str, Any] = {
     "ellipsoid": Ellipsoid, "cone": Cone, "half_space": HalfSpace,
 }  # fmt: skip
 """Shapes without a file, by their names in scene files."""
+
+
+class Alike(NamedTuple):
+    """Shapes, of which many :data:`PRIMITIVES` of a class are one shape, whose sizes are arrays."""
+
+    number: int
+    parts: list[tuple[Any, Shape]]  # rows (k,), and a shape of sizes (k,) or (3, k); or one of each
+
+    @classmethod
+    def of(cls, shapes: Sequence[Shape]) -> Self:
+        """Shapes in their order."""
+        parts: list[tuple[Any, Shape]] = [*enumerate(shapes)] if len(shapes) < FEW else []
+        which = [] if parts else [*map(type, shapes)]
+        for kind in set(which):
+            rows = np.array([k for k, each in enumerate(which) if each is kind])
+            if kind in PRIMITIVES.values():
+                one: Any = object.__new__(kind)
+                own = [shapes[k] for k in rows.tolist()]
+                for size in fields(kind):
+                    vars(one)[size.name] = np.array([*map(attrgetter(size.name), own)]).T
+                parts.append((rows, one))
+            else:
+                parts += [(k, shapes[k]) for k in rows.tolist()]
+        return cls(len(shapes), parts)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ Kernels measure simple shapes; meshes and point clouds are measured in NumPy. No
 
 import functools
 from collections.abc import Sequence
-from itertools import chain, pairwise
+from itertools import chain
 from math import hypot, sqrt
 from typing import Any, NamedTuple
 
@@ -53,11 +53,12 @@ def objects_of(
         role[scene.rows(name)] = code
     if scene.target is not None and scene.target.stem is not None:
         role[scene.rows("target")] = STEM
-    counts = np.array([item.course is None for item in scene.objects], dtype=np.bool_)
+    moves = [motion is not None and motion.fastest > 0.0 for motion in scene.columns["motion"]]
+    counts = ~np.array(moves, dtype=np.bool_)
     if counted is not None:  # what moves: see judging/moving.py
         counts &= np.isin(np.arange(len(role)), list(counted))
     role[~counts] = -1
-    kind, size, bound = measured([item.shape for item in scene.objects])
+    kind, size, bound = measured(scene.alike)
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
     role = np.concatenate([role, np.where(counts[owner], STEM, -1)])
@@ -85,21 +86,17 @@ def objects_of(
 
 
 def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """The S pieces of all stems as capsules; of an unseen stem, those of all likely stems.
+    """The S pieces of all stems as capsules; see :attr:`Scene.strands`.
 
     Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
     sizes (S, 3) [m]: radius, half length and 0.
     """
-    hangs = [(k, item.stem) for k, item in enumerate(scene.objects) if item.stem is not None]
-    held = [(k, one) for k, stem in hangs for one in stem.likely()]
-    owner = [k for k, stem in held for _ in stem.points[1:]]
-    ends = np.array([pair for _, stem in held for pair in pairwise(stem.points)]).reshape(-1, 2, 3)
-    radius = np.array([stem.radius for _, stem in held for _ in stem.points[1:]])
+    owner, ends, radius = scene.strands
     along = ends[:, 1] - ends[:, 0]
     length = lengths(along)
     turn = frame_along(along / length[:, None])
     size = np.column_stack([radius, 0.5 * length, np.zeros(len(length))])
-    return np.array(owner, dtype=np.int64), ends.mean(axis=1), turn, size
+    return owner, ends.mean(axis=1), turn, size
 
 
 def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
@@ -109,29 +106,34 @@ def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
     return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
 
 
-def measured(of: Sequence[shapes.Shape]) -> tuple[IntArray, FloatArray, FloatArray]:
+def measured(of: Sequence[shapes.Shape] | shapes.Alike) -> tuple[IntArray, FloatArray, FloatArray]:
     """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Objects` holds them.
 
     The judge reads shapes itself: a wrong size in ``Shape.measure`` must not deceive both the
     planner and the judge. What is none of these shapes is measured as a mesh or a point cloud.
     """
-    kind, size = np.full(len(of), shapes.GRID, dtype=np.int64), np.zeros((len(of), 3))
-    bound = np.full(len(of), np.inf)
-    for k, shape in enumerate(of):
+    of = of if isinstance(of, shapes.Alike) else shapes.Alike.of(of)
+    kind, size = np.full(of.number, shapes.GRID, dtype=np.int64), np.zeros((of.number, 3))
+    bound = np.full(of.number, np.inf)
+    for k, shape in of.parts:
         match shape:
             case shapes.Sphere(radius=r):
                 kind[k], size[k, 0], bound[k] = shapes.SPHERE, r, r
             case shapes.Box():
-                kind[k], size[k] = shapes.BOX, 0.5 * np.array(shape.size)
-                bound[k] = np.linalg.norm(size[k])
+                kind[k], size[k] = shapes.BOX, 0.5 * np.transpose(shape.size)
+                bound[k] = np.linalg.norm(size[k], axis=-1)
             case shapes.Cylinder(radius=r, length=h):
-                kind[k], size[k], bound[k] = shapes.CYLINDER, (r, 0.5 * h, 0.0), hypot(r, 0.5 * h)
+                kind[k], size[k, 0], size[k, 1] = shapes.CYLINDER, r, 0.5 * h
+                bound[k] = np.hypot(r, 0.5 * h)
             case shapes.Capsule(radius=r, length=h):
-                kind[k], size[k], bound[k] = shapes.CAPSULE, (r, 0.5 * h, 0.0), r + 0.5 * h
+                kind[k], size[k, 0], size[k, 1] = shapes.CAPSULE, r, 0.5 * h
+                bound[k] = r + 0.5 * h
             case shapes.Ellipsoid(radii=radii):
-                kind[k], size[k], bound[k] = shapes.ELLIPSOID, radii, max(radii)
+                kind[k], size[k] = shapes.ELLIPSOID, np.transpose(radii)
+                bound[k] = np.max(radii, axis=0)
             case shapes.Cone(radius=r, tip=tip, length=h):
-                kind[k], size[k], bound[k] = shapes.CONE, (r, 0.5 * h, tip), 0.5 * h + max(r, tip)
+                kind[k], size[k, 0], size[k, 1], size[k, 2] = shapes.CONE, r, 0.5 * h, tip
+                bound[k] = 0.5 * h + np.maximum(r, tip)
             case shapes.HalfSpace():
                 kind[k] = shapes.HALF_SPACE
     return kind, size, bound

@@ -347,8 +347,7 @@ def _touching(scene: Scene, robot: Robot, q: FloatArray) -> BoolArray:
     """Whether any part of the body is near the first place of an object that stands, at ``q``."""
     objects, rest = distances.objects_of(scene.world)
     loose = np.flatnonzero(objects.role == distances.PUSHABLE)
-    held = [item.stem is None for item in scene.objects_at(objects.rows[loose])]
-    loose, near = loose[np.array(held, dtype=bool)], np.zeros(len(q), dtype=bool)
+    loose, near = loose[~scene.hangs[objects.rows[loose]]], np.zeros(len(q), dtype=bool)
     radius = np.array(robot.spheres.radius)
     for start in range(0, len(q), CONFIGURATIONS):
         spheres, part = centers(robot, q[start : start + CONFIGURATIONS]), slice(start, None)

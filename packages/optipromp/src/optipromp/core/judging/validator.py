@@ -19,7 +19,6 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.compiled import called
@@ -266,7 +265,8 @@ def judge(
     motion, broken = _motion(robot, trajectory, start)
     instants = trajectory.times.tolist()
     told = "the tool passes {} on the side of its stem"
-    wrong = [(name, instants[at], by) for name, at, by in passed.wrong]
+    own = {item.id for item in scene.taken}  # fruits of a truss go with the target
+    wrong = [(name, instants[at], by) for name, at, by in passed.wrong if name not in own]
     astray = [Violation("stem side", told.format(one[0]), *one, "m") for one in wrong]
     violations = [Violation("contact", str(c), c.link, c.time, c.depth, "m") for c in contacts]
     if not complete:
@@ -319,6 +319,8 @@ def swept_unseen(scene: Scene, robot: Robot, q: FloatArray, points: FloatArray) 
     item = scene.unseen
     if item is None:
         return None
+    from scipy.spatial import cKDTree  # slow to import, seldom needed
+
     assert isinstance(item.shape, PointCloudShape)
     side = 2.0 * item.shape.radius
     gone = np.append(0.0, np.cumsum(lengths(np.diff(points, axis=0))))

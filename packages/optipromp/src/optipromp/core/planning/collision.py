@@ -15,11 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along, lengths
 from optipromp.core.budget import Budget
 from optipromp.core.compiled import called, inlined, inner, kernel
 from optipromp.core.geometry.distances import distance_and_gradient
-from optipromp.core.geometry.obstacles import Obstacles, appended, pack
+from optipromp.core.geometry.obstacles import Obstacles, appended, packed_shapes
+from optipromp.core.geometry.shapes import CAPSULE
 from optipromp.core.optimization.problem import FARTHER, apart, reach
 from optipromp.core.planning.parameters import TREE
 from optipromp.core.planning.task import Task
@@ -62,7 +63,7 @@ def collider(task: Task, shared: int) -> Collider:
     """The arm and the obstacles of a task; ``shared`` as in :class:`Surroundings`."""
     robot, body, around = task.robot, task.body, task.surroundings
     segments = robot.n_segments
-    other, room = apart(task.scene, robot, reach(robot) + FARTHER)
+    other, room = apart(task.scene.world, robot, reach(robot) + FARTHER)
     return Collider(
         robot.kinematics, body.segment, body.local, body.radius, body.link_start, body.link_bound,
         body.link_distal, body.groups, body.pairs, body.slack, around.static, around.dynamic,
@@ -97,15 +98,22 @@ def open_until(task: Task, q: FloatArray) -> int:
 
 def _among_stems(task: Task) -> Collider:
     body = collider(task, 0)
-    return body._replace(dynamic=appended(body.dynamic, _stems(task.scene)))
+    return body._replace(dynamic=appended(body.dynamic, _stems(task.scene.world)))
 
 
 @functools.lru_cache(maxsize=4)
 def _stems(scene: Scene) -> Obstacles:
     """The pieces of all stems, including the target's, but of fruits that a link may touch."""
     free = {name for pair in scene.may_touch for name in pair}
-    stems = (item.stem for item in scene.objects if item.stem is not None and item.id not in free)
-    return pack([piece for stem in stems for one in stem.likely() for piece in one.pieces()])
+    spared = [k for k, item in enumerate(scene.objects if free else ()) if item.id in free]
+    owner, ends, radius = scene.strands
+    kept = ~np.isin(owner, spared)
+    ends, radius = ends[kept], radius[kept]
+    along = ends[:, 1] - ends[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    kind, size = np.full(len(ends), CAPSULE), np.column_stack([radius, 0.5 * length, 0.0 * length])
+    turn, bound = frame_along(along / length[:, None]), radius + 0.5 * length
+    return packed_shapes((), 0.5 * (ends[:, 0] + ends[:, 1]), turn, (kind, size, bound))
 
 
 def levers(robot: Robot) -> FloatArray:

@@ -103,12 +103,13 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
     """The scene without the picked fruit, and the robot whose tool holds the fruit.
 
     The fruit is where the tool met it: its pose in the tool axes at the end of the reach. What
-    blades cut hangs from them (:func:`optipromp.core.planning.cutting.hung`). Below blades that
-    came from the side, other fruits are static to it; the tool may touch them, whose push its model
-    predicts. The scene has the end of the reach as start and as goal. What the target stood on, or
-    leant on, may be touched by the target from then on.
+    blades cut hangs from them (:func:`optipromp.core.planning.cutting.hung`), all fruits of a
+    truss. Below blades that came from the side, other fruits are static to it; the tool may touch
+    them, whose push its model predicts. The scene has the end of the reach as start and as goal.
+    What the target stood on, or leant on, may be touched by the target from then on.
     """
     target, robot, q = reach.scene.target, reach.robot, reach.trajectory.positions[-1]
+    names = {item.id for item in reach.scene.taken}
     assert target is not None
     assert robot.tool is not None
     tip, _ = robot.tool_pose(q)
@@ -118,10 +119,11 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
         target.id, target.shape, axes.T @ (target.position - tip),
         to_quaternion(axes.T @ target.rotation), mass_of(target),
     ), None  # fmt: skip
+    fruits: tuple[Attached, ...] = (fruit,)
     pairs = reach.scene.may_touch
-    objects = rooted(item for item in reach.scene.objects if item.id != target.id)
+    objects = rooted(item for item in reach.scene.objects if item.id not in names)
     if cuts(reach.scene, robot.tool):
-        fruit, path = hung(reach.scene, robot, q)
+        fruits, path = hung(reach.scene, robot, q)
     if path is not None and from_side(reach.scene):  # from below it is between the blades
         fixed = [(item, part) for item in objects for part in _fixed(item)]
         objects = tuple(part for _, part in fixed)
@@ -132,15 +134,15 @@ def held(reach: Plan) -> tuple[Scene, Robot]:
         objects=objects,
         goal=PoseGoal(*robot.tool_pose(q)),
         start=q,
-        attached=(*reach.scene.attached, fruit),
+        attached=(*reach.scene.attached, *fruits),
         place=None,
         path=path,
         may_touch=pairs,
     )
-    robot = letting_touch(laden(robot, (fruit,)), pairs)
-    stood = [c.other for c in judging.touching(scene, robot, q, begun=True) if c.link == target.id]
+    robot = letting_touch(laden(robot, fruits), pairs)
+    stood = [c for c in judging.touching(scene, robot, q, begun=True) if c.link in names]
     known = {item.id for item in reach.scene.static}
-    pairs = (*pairs, *((target.id, name) for name in stood if name in known))
+    pairs = (*pairs, *((one.link, one.other) for one in stood if one.other in known))
     return replace(scene, may_touch=pairs), robot
 
 
@@ -272,14 +274,15 @@ def full_model(reach: Plan, robot: Robot) -> Hanging | None:
     """
     scene, target = reach.scene, reach.scene.target
     assert target is not None
-    hanging = [item for item in scene.pushables if item.stem is not None]
+    picked = {item.id for item in scene.taken}
+    hanging = [o for o in scene.pushables if o.stem is not None and o.id not in picked]
     tool = reach.robot.tool
     if target.stem is None or not hanging or tool is None or robot.tool is None:
         return None
 
     first = min(hanging, key=lambda item: math.dist(item.position, target.position))
-    seen = aimed(replace(scene, place=None) if scene.place else scene, first.id, [target.id])
-    left = tuple(item for item in reach.task.neighbours if item.id not in (first.id, target.id))
+    seen = aimed(replace(scene, place=None) if scene.place else scene, first.id, picked)
+    left = tuple(item for item in reach.task.neighbours if item.id not in {first.id, *picked})
     full = replace(Mounted.of(robot.tool), full=True)
     return Hanging(
         seen, full, left, reach.task.camera, robot.gripper_radius, flange_of(robot), reach.risk,

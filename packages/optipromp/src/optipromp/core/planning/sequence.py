@@ -125,7 +125,7 @@ def plan_sequence(
     begun = scene
     picks, placed = list[Plan](), list[Picked]()
     while True:
-        picked = [_target(pick) for pick in picks]
+        picked = [item.id for pick in picks for item in pick.scene.taken]
         if placed and scene.place is not None:
             scene = replace(scene, start=placed[-1].end)
         tried = {}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
-from optipromp.core.errors import InvalidRequestError, StartInvalidError
+from optipromp.core.errors import InvalidRequestError, InvalidSceneError, StartInvalidError
 from optipromp.core.geometry import distances, pack
 from optipromp.core.optimization.evaluation import BodyPoints, body_points
 from optipromp.core.optimization.problem import Surroundings, surroundings_of
@@ -225,8 +225,8 @@ def posed(
     """
     robot = robot_of(scene, robot)
     dense = FRUIT_DENSITY if scene.crop is None else scene.crop["density"]
-    check_upright(scene.objects, scene.up, dense)
-    if state is None:
+    check_upright(scene.objects_at(np.flatnonzero(scene.hangs)), scene.up, dense)
+    if state is None and scene.may_touch:
         links = robot.link_names
         if scene.place is not None and scene.target is not None:
             links = (*links, scene.target.id)  # which the tool holds after the pick
@@ -377,18 +377,35 @@ def aimed_at_stem(scene: Scene, tool: Tool | None) -> Scene:
     """The scene whose approach ends on the target's stem, if the ``tool`` is a scissor.
 
     The place is the lowest one that is ``cut`` from the fruit; of a stem that is nowhere twice as
-    far from the fruit, half of the way to its farthest place. The place does not vary where the
+    far from the fruit, half of the way to its farthest place. Of a truss it is as far from all of
+    its fruits and stems, above the highest node. The place does not vary where the
     scene states no lateral distance; from below, the axis does not where it states no cone: turned
     about the stem, the blades would meet the fruit. An approach whose ``shift`` is stated stays as
     it is.
+
+    Raises:
+        InvalidSceneError: a truss that the tool cannot cut, or cannot cut from here.
     """
     target, blades, approach = scene.target, unmounted(tool), scene.approach
+    if target is not None and approach.truss:
+        cut = isinstance(blades, Scissor) and from_side(scene)
+        if not cut or (target.stem is not None and target.stem.parent is not None):
+            raise InvalidSceneError(
+                f"approach.truss: a truss is cut across the stem of {target.id}: state tool: "
+                "{kind: scissor, opening: 0.05} and a level approach.direction; the target must be "
+                "the fruit at the end of the stem from which the others grow"
+            )
     if target is None or target.stem is None or not isinstance(blades, Scissor):
         return scene
     if approach.shift.any():
         return scene
     points = evenly(target.stem.points, int(np.ceil(target.stem.length / CUTTING.along)) + 1)
-    far, _ = distances(pack([(target.shape, target.position, target.rotation)]), points)
+    solids = [(item.shape, item.position, item.rotation) for item in scene.taken]
+    for stem in (item.stem for item in scene.taken[1:]):
+        assert stem is not None
+        points = points[int(np.argmin(lengths(points - stem.root))) :]
+        solids += stem.pieces()
+    far = distances(pack(solids), points)[0].min(axis=1)
     above = points[int(np.argmax(far >= min(blades.cut, 0.5 * far.max())))]
     cone = approach.cone if from_side(scene) or approach.cone is not None else 0.0
     aside = 0.0 if approach.aside is None else approach.aside

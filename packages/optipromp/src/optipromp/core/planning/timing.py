@@ -551,7 +551,7 @@ def _near_standing(task: Task, q: FloatArray) -> BoolArray:
     """Whether any part of the body is near an object that stands, at waypoints (T, n)."""
     scene = task.scene
     rows = scene.rows("pushable")
-    rows = rows[[item.stem is None for item in scene.objects_at(rows)]]
+    rows = rows[~scene.hangs[rows]]
     body = Evaluation(task.robot, task.body, len(q), 1.0)
     body.move_to(q)
     body.static.measure(body, packed(scene, rows), len(rows), TIMING.beside)
@@ -584,15 +584,15 @@ def _near_hanging(robot: Robot, q: FloatArray, fruits: Iterable[SceneObject]) ->
     assert tool is not None
     points, axes = robot.tool_pose(q)
     low, high = points.min(axis=0), points.max(axis=0)
-    for fruit in fruits:
-        reach = fruit.radius + TIMING.among
-        far = reach + tool.reach + robot.gripper_radius
-        apart = (fruit.position + far < low) | (fruit.position - far > high)
-        if fruit.stem is None or apart.any():
-            continue
-        off = fruit.position - points
+    hanging = [fruit for fruit in fruits if fruit.stem is not None]
+    places = frozen([fruit.position for fruit in hanging]).reshape(-1, 3)
+    reaches = np.array([fruit.radius for fruit in hanging]) + TIMING.among
+    depth, above = tool.depth, tool.reach
+    far = (reaches + above + robot.gripper_radius)[:, None]
+    for k in np.flatnonzero(((places + far >= low) & (places - far <= high)).all(axis=1)):
+        off, reach = places[k] - points, reaches[k]
         along = np.einsum("ti,ti->t", off, axes)
         aside = lengths(off - along[:, None] * axes)
-        level = (along < tool.depth + reach) & (along > -tool.reach - reach)
+        level = (along < depth + reach) & (along > -above - reach)
         near |= level & (aside < robot.gripper_radius + reach)
     return np.asarray(near[1:] | near[:-1])

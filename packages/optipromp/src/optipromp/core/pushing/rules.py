@@ -49,21 +49,25 @@ def neighbours(
             two standard deviations of the detected positions of target and pushable.
 
     Returns:
-        The neighbours by position along z_g; ties by distance from the target.
+        The neighbours by position along z_g; ties by distance from the target. A truss is met
+        where it is cut, and its own fruits are below.
     """
     target = scene.target
     if target is None:
         return ()
+    place, own = target.position, tuple[SceneObject, ...]()
+    if scene.approach.truss:
+        place, own = place + scene.approach.shift, scene.taken
     x_g, y_g, z_g = scene.frame
     found = []
-    for obj in scene.objects_at(scene.around(target.position, search_radius, "pushable")):
-        off = obj.position - target.position
+    for obj in scene.objects_at(scene.around(place, search_radius, "pushable")):
+        off = obj.position - place
         along = float(off @ z_g)
         aside = math.hypot(off @ x_g, off @ y_g)
         distance = math.hypot(*off)
         doubt = math.sqrt(detection_variance(target) + detection_variance(obj))
         wide = plane_factor * gripper_radius + RULE.unsure * doubt
-        if along < 0.0 and distance <= search_radius and aside <= wide:
+        if along < 0.0 and distance <= search_radius and aside <= wide and obj not in own:
             found.append((along, distance, obj.id, obj))
     return tuple(obj for *_, obj in sorted(found, key=lambda f: f[:3]))
 

@@ -118,7 +118,7 @@ def scene_to_dict(scene: Scene, *, base_dir: Path | None = None) -> dict[str, An
         points = [_goal_to_dict(point) for point in scene.waypoints.points]
         document["waypoints"] = {"points": points} | _plain(scene.waypoints, ["speed", "within"])
     stated = ["direction", "lateral", "camera_distance", "cone", "aside"]
-    stated += [name for name in ("shift", "lead") if np.any(getattr(scene.approach, name))]
+    stated += [name for name in ("shift", "lead", "truss") if np.any(getattr(scene.approach, name))]
     document["approach"] = _plain(scene.approach, stated)
     if scene.options:
         document["options"] = dict(scene.options)

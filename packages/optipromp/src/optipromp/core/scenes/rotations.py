@@ -47,17 +47,16 @@ def unit_quaternion(values: ArrayLike) -> FloatArray:
 
 
 def from_quaternion(wxyz: Sequence[float] | FloatArray) -> FloatArray:
-    """Rotation matrix (3, 3) of a unit quaternion (4,) w, x, y, z."""
+    """Rotation matrices (..., 3, 3) of a unit quaternion (4,) w, x, y, z, or of several (N, 4)."""
     if wxyz is IDENTITY:
         return _EYE
-    w, x, y, z = (float(value) for value in wxyz)
-    return frozen(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    w, x, y, z = np.transpose(wxyz) if np.ndim(wxyz) > 1 else map(float, wxyz)
+    columns = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
+        [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
+        [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return frozen(np.array(columns).T)
 
 
 def product(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,10 +15,19 @@ import numpy as np
 from annotated_types import Ge, Gt, Le, Unit
 from pydantic import BeforeValidator
 
-from optipromp.core.arrays import FloatArray, IntArray, cross, frozen, joined, lengths, read_only
+from optipromp.core.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    cross,
+    frozen,
+    joined,
+    lengths,
+    read_only,
+)
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
-from optipromp.core.geometry.shapes import PointCloudShape
+from optipromp.core.geometry.shapes import Alike, PointCloudShape
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import Crop
@@ -39,8 +49,10 @@ from optipromp.core.scenes.objects import (
     SceneObject,
     Stem,
     check_trusses,
+    parents_first,
 )
 from optipromp.core.scenes.pose import Array, Direction, Framed, Padding, Pose, Span
+from optipromp.core.scenes.rotations import IDENTITY, from_quaternion
 from optipromp.core.shown import Shown
 from optipromp.core.values import Name
 
@@ -53,6 +65,9 @@ WIDEST_CONE = 60.0  # largest angle between an approach and its direction [degre
 
 MOST_GOALS = 1000
 """Most entries of a goal, chosen: the judge holds each end against all, 10 µs each."""
+
+COLUMNS = "role", "shape", "position", "orientation", "stem", "motion", "padding"
+TOGETHER = 512  # objects, whose values are in a processor's cache: a choice
 
 _PARALLEL = 1e-6  # chosen: sine of the angle below which two vectors count as parallel
 _ROUNDING = 1e-9  # [m] allowance for rounding
@@ -77,6 +92,8 @@ class Approach(Framed, label="approach."):
             in the scene of a plan.
         lead: (3,) tool axis at the begin of the path; it turns to ``direction`` on the way. The
             planner's choice in the scene of a plan; None: ``direction``.
+        truss: whether a scissor cuts the target's stem above all stems that grow from it, and takes
+            all of these fruits with the target.
     """
 
     direction: Direction = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -86,6 +103,7 @@ class Approach(Framed, label="approach."):
     aside: Annotated[float | None, Ge(0.0), Unit("m")] = None
     shift: Span = field(default_factory=lambda: np.zeros(3))
     lead: Direction | None = None
+    truss: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -226,9 +244,18 @@ class Scene(Shown, Framed):
         return f"{self.name}: {self.robot}; {objects or 'no objects'}"
 
     @cached_property
+    def columns(self) -> Mapping[str, list[Any]]:
+        """Of each of :data:`COLUMNS`, the values of all objects, read while near in memory."""
+        columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
+        for start in range(0, len(self.objects), TOGETHER):
+            for name, column in columns.items():
+                column.extend(map(attrgetter(name), self.objects[start : start + TOGETHER]))
+        return columns
+
+    @cached_property
     def _rows(self) -> Mapping[str, IntArray]:
         codes = {role: code for code, role in enumerate(ROLES)}
-        role = np.array([codes[item.role] for item in self.objects], dtype=np.int64)
+        role = np.array([codes[role] for role in self.columns["role"]], dtype=np.int64)
         return {name: read_only(np.flatnonzero(role == code)) for name, code in codes.items()}
 
     @cached_property
@@ -238,7 +265,26 @@ class Scene(Shown, Framed):
     @cached_property
     def target(self) -> SceneObject | None:
         """The object to reach; None if the scene has a goal instead."""
-        return next(iter(self._by_role["target"]), None)
+        return next(iter(self.objects_at(self._rows["target"])), None)
+
+    @property
+    def taken(self) -> tuple[SceneObject, ...]:
+        """What a pick takes: the target; of a truss, then all fruits that hang on its stem."""
+        target = self._by_role["target"]
+        if not (target and self.approach.truss):
+            return target
+        (first,) = target
+        mine = (o for o in self.objects if self.tops.get(o.id) == first.id and o is not first)
+        return (first, *mine)
+
+    @cached_property
+    def tops(self) -> Mapping[str, str]:
+        """The id of the object whose stem holds each object on a stem, itself or by its truss."""
+        out: dict[str, str] = {}
+        for item in parents_first(self.objects):
+            if item.stem is not None:
+                out[item.id] = out[item.stem.parent] if item.stem.parent else item.id
+        return out
 
     @property
     def goals(self) -> tuple[Goal, ...]:
@@ -270,8 +316,34 @@ class Scene(Shown, Framed):
     @cached_property
     def movers(self) -> tuple[tuple[SceneObject, ObjectMotion], ...]:
         """The objects that move, in file order, and their motions."""
-        courses = ((item, item.course) for item in self.objects)
-        return tuple((item, course) for item, course in courses if course is not None)
+        led = self.objects_at(np.flatnonzero(self._stated("motion")))
+        return tuple((item, course) for item in led if (course := item.course) is not None)
+
+    @cached_property
+    def hangs(self) -> BoolArray:
+        """Whether each of the N objects has a stem."""
+        return read_only(self._stated("stem"))
+
+    def _stated(self, name: str) -> BoolArray:
+        values = self.columns[name]
+        if values.count(None) == len(values):  # the usual case, in a tenth of the time
+            return np.zeros(len(values), dtype=np.bool_)
+        return np.array([value is not None for value in values], dtype=np.bool_)
+
+    @cached_property
+    def strands(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """The S straight pieces of all stems; of an unseen stem, those of all likely stems.
+
+        Rows (S,) of their objects, ends (S, 2, 3) and radii (S,) [m].
+        """
+        rows, stems = np.flatnonzero(self.hangs), self.columns["stem"]
+        held = [(k, one) for k in rows.tolist() for one in stems[k].likely()]
+        points = joined([one.points for _, one in held]).reshape(-1, 3)
+        pieces = np.array([len(one.points) - 1 for _, one in held], dtype=np.int64)
+        first = np.delete(np.arange(len(points)), np.cumsum(pieces + 1) - 1)
+        owner = np.repeat(np.array([k for k, _ in held], dtype=np.int64), pieces)
+        radius = np.repeat(np.array([one.radius for _, one in held]), pieces)
+        return owner, np.stack([points[first], points[first + 1]], axis=1), radius
 
     @property
     def drifting(self) -> dict[str, ObjectMotion]:
@@ -281,17 +353,25 @@ class Scene(Shown, Framed):
     @cached_property
     def positions(self) -> FloatArray:
         """Positions (N, 3) of the objects [m]."""
-        return joined([item.position for item in self.objects]).reshape(-1, 3)
+        return joined(self.columns["position"]).reshape(-1, 3)
 
     @cached_property
     def rotations(self) -> FloatArray:
         """Rotations (N, 3, 3) of the objects, local to base."""
-        return joined([item.rotation for item in self.objects]).reshape(-1, 3, 3)
+        column, out = self.columns["orientation"], np.tile(np.eye(3), (len(self.objects), 1, 1))
+        turned = [k for k, one in enumerate(column) if one is not IDENTITY]
+        out[turned] = from_quaternion(joined([column[k] for k in turned]).reshape(-1, 4))
+        return read_only(out)
+
+    @cached_property
+    def alike(self) -> Alike:
+        """The shapes, those of a class together."""
+        return Alike.of(self.columns["shape"])
 
     @cached_property
     def measures(self) -> Measures:
         """Kinds (N,), sizes (N, 3) and radii (N,) of the shapes, see :class:`Obstacles`."""
-        kind, size, bound = measures([item.shape for item in self.objects])
+        kind, size, bound = measures(self.alike)
         return read_only(kind), read_only(size), read_only(bound)
 
     @property
@@ -320,7 +400,8 @@ class Scene(Shown, Framed):
     @property
     def assumed(self) -> tuple[str, ...]:
         """What the scene does not know, in words: stems that nobody saw."""
-        hidden = [o for o in self.objects if o.stem is not None and o.stem.unseen]
+        hanging = self.objects_at(np.flatnonzero(self.hangs))
+        hidden = [o for o in hanging if o.stem is not None and o.stem.unseen]
         if not hidden:
             return ()
         tilts = sorted({f"{o.stem.tilt:g}" for o in hidden if o.stem is not None})
@@ -379,8 +460,7 @@ class Scene(Shown, Framed):
     @cached_property
     def touches_alike(self) -> bool:
         """Whether every contact counts alike: no pair may touch, and nothing is padded."""
-        padded = self.padding or any(item.padding is not None for item in self.static)
-        return not (self.may_touch or padded)
+        return not (self.may_touch or self.padding or self._stated("padding").any())
 
     def padding_of(self, item: SceneObject) -> float:
         """Distance that the robot keeps from an object of the scene [m]; 0 unless it is static."""
@@ -409,7 +489,7 @@ def packed(scene: Scene, rows: IntArray, *, reach: float = 0.0, within: float = 
     ``reach`` and ``within``: see :func:`optipromp.core.geometry.obstacles.pack`.
     """
     kind, size, bound = scene.measures
-    shapes = [obj.shape for obj in scene.objects_at(rows)]
+    shapes = [scene.columns["shape"][k] for k in rows.tolist()]
     return packed_shapes(
         shapes, scene.positions[rows], scene.rotations[rows],
         (kind[rows], size[rows], bound[rows]), reach=reach, within=within,

@@ -296,7 +296,7 @@ PATH = form(
 PLACE = form(position=needed(POINT), axis=needed(DIRECTION), retreat=LENGTH)
 APPROACH = form(
     direction=DIRECTION, lateral=DIRECTION, camera_distance=LENGTH, cone=Value(NotNegative),
-    aside=DISTANCE, shift=SPAN, lead=DIRECTION,
+    aside=DISTANCE, shift=SPAN, lead=DIRECTION, truss=Value(bool),
 )  # fmt: skip
 OPTIONS = form(
     camera_point=Value(bool), drift_offset=Value(NotNegative | dict[Text, NotNegative], 1)

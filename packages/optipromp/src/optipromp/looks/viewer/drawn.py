@@ -4,10 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import isotonic_regression
-from scipy.spatial.transform import Rotation
 
-from optipromp.core.arrays import FloatArray
+from optipromp.core.arrays import FloatArray, rotation
 from optipromp.core.planning import Picked, Plan
 from optipromp.core.planning.legs import curve_of, legs_of
 from optipromp.core.planning.task import tool_motion
@@ -110,11 +108,11 @@ def placed(plan: Plan, now: Moment) -> tuple[Placed, ...]:
         colour = COLOURS.get(item.role) or PUSHABLES[pushables % len(PUSHABLES)]
         pushables += item.role == "pushable"
         position, turn = moved.get(item.id, (item.position, 0.0))
-        rotation = Rotation.from_rotvec(-turn * plan.scene.frame[0]).as_matrix() @ item.rotation
+        turned = rotation(plan.scene.frame[0], -turn) @ item.rotation
         stem = None
         if item.stem is not None:
             stem = bent(np.asarray(item.stem.points), position - item.position)
-        out.append(Placed(item, position, rotation, stem, colour))
+        out.append(Placed(item, position, turned, stem, colour))
     return tuple(out)
 
 
@@ -147,13 +145,14 @@ def shown_at(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
 def held(made: Plan | Picked, time: float) -> tuple[Placed, ...]:
     """What was picked, where the tool has it at a ``time`` [s]; nothing before the reach ends."""
     (leg, since), reach = _leg_at(made, time), legs_of(made)["reach"]
-    target, robot = reach.scene.target, leg.robot
-    if leg is reach or target is None:
+    taken, robot = reach.scene.taken, leg.robot
+    if leg is reach or not taken:
         return ()
-    q, fruit = leg.trajectory.at(since).q, leg.scene.attached[-1]
-    axes = robot.segment_frames(q)[1][-1] @ robot.tool_rotation
-    at, turn = robot.tool_pose(q)[0], axes @ from_quaternion(fruit.orientation)
-    return (Placed(target, at + axes @ fruit.position, turn, None, COLOURS["target"]),)
+    q = leg.trajectory.at(since).q
+    axes, at = robot.segment_frames(q)[1][-1] @ robot.tool_rotation, robot.tool_pose(q)[0]
+    fruits = zip(taken, leg.scene.attached[-len(taken) :], strict=True)
+    poses = ((i, at + axes @ f.position, axes @ from_quaternion(f.orientation)) for i, f in fruits)
+    return tuple(Placed(*pose, None, COLOURS["target"]) for pose in poses)
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,6 +208,8 @@ def conditioned_on(plan: Plan) -> tuple[tuple[str, FloatArray, str], ...]:
 
 def spread(wanted: Sequence[float], gap: float) -> FloatArray:
     """Heights (k,) in the order of the ``wanted`` ones, near these and at least ``gap`` apart."""
+    from scipy.optimize import isotonic_regression  # slow to import
+
     order = np.argsort(wanted, kind="stable")
     steps = gap * np.arange(len(order))
     out = np.empty(len(order))

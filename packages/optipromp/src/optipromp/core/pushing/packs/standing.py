@@ -194,7 +194,7 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
 def packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
     """The pushables that stand around the target, in file order; of too many the nearest."""
     rows = scene.around(target.position, STANDING.around, "pushable")
-    rows = rows[[obj.stem is None for obj in scene.objects_at(rows)]]
+    rows = rows[~scene.hangs[rows]]
     if len(rows) > STANDING.most:
         away = np.linalg.norm(scene.positions[rows] - target.position, axis=1)
         rows = np.sort(rows[np.argsort(away, kind="stable")[: STANDING.most]])
@@ -413,7 +413,7 @@ class Standing(PushModel):
 
 def applies(scene: Scene, tool: Tool | None) -> bool:
     """Whether the approach is level, and a pushable stands in the scene."""
-    stands = any(obj.stem is None for obj in scene.pushables)
+    stands = not scene.hangs[scene.rows("pushable")].all()
     if scene.target is None or tool is None or not stands:
         return False
     _, y_g, z_g = scene.frame

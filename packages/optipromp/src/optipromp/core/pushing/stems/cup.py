@@ -239,26 +239,30 @@ def inside_cup(x, y, z, rx, ry, rz, radius, apart, at, cup):
     """Whether a fruit is inside the cup, or between the fingers; of blades, the fruit or its stem.
 
     No wall keeps a fruit out of fingers: a ball that reaches in from aside may slip in, and one
-    whose centre is ``SWING.barely`` before the tips.
+    whose centre is ``SWING.barely`` before the tips. Of a stem its line counts.
     """
     if cup.within > 0.0:
-        return _within(x, y, z, rx, ry, rz, apart, at, cup, SWING.barely, radius)
-    return _within(x, y, z, rx, ry, rz, apart, at, cup, -SWING.barely, 0.0)
+        if _within(x, y, z, rx, ry, rz, apart, False, at, cup, SWING.barely, radius):
+            return True
+        stem, deep = cup.cut > 0.0, SWING.barely
+        return stem and _within(x, y, z, rx, ry, rz, apart, stem, at, cup, deep, 0.0)
+    return _within(x, y, z, rx, ry, rz, apart, False, at, cup, -SWING.barely, 0.0)
 
 
 @inner
-def _within(x, y, z, rx, ry, rz, apart, at, cup, beyond, aside):
+def _within(x, y, z, rx, ry, rz, apart, stem, at, cup, beyond, aside):
     """Whether the axis of a fruit meets the room in the cup, or in one that is larger.
 
     The room ends ``beyond`` the rim; between fingers it is wider by ``aside`` on either side [m].
     The axis begins at the lower ball's centre (x, y, z) and leads ``apart`` [m] towards the stem's
-    root (rx, ry, rz). See :func:`optipromp.core.robots.tool_protocol.meets`.
+    root (rx, ry, rz), with the ``stem`` as far as there. See
+    :func:`optipromp.core.robots.tool_protocol.meets`.
     """
     h, _, a, b, c = in_cup(x, y, z, at)
     dh = da = db = dc = 0.0
-    if apart > 0.0 or cup.cut > 0.0:
+    if apart > 0.0 or stem:
         rx, ry, rz = rx - x, ry - y, rz - z
-        share = 1.0 if cup.cut > 0.0 else apart / math.sqrt(rx * rx + ry * ry + rz * rz)
+        share = 1.0 if stem else apart / math.sqrt(rx * rx + ry * ry + rz * rz)
         dh, _, da, db, dc = in_cup(x + share * rx, y + share * ry, z + share * rz, at)
         dh, da, db, dc = dh - h, da - a, db - b, dc - c
     ends, wide = (cup.base, cup.rim + beyond), cup.within + aside
@@ -273,7 +277,7 @@ def taken(x, y, z, rx, ry, rz, apart, at, cup):
     close, and the fruit is not.
     """
     if cup.cut == 0.0:
-        return _within(x, y, z, rx, ry, rz, apart, at, cup, -SWING.barely, 0.0)
+        return _within(x, y, z, rx, ry, rz, apart, False, at, cup, -SWING.barely, 0.0)
     top, _, a, b, c = in_cup(rx, ry, rz, at)
     rx, ry, rz = rx - x, ry - y, rz - z
     share = cup.cut / math.sqrt(rx * rx + ry * ry + rz * rz)

@@ -321,14 +321,14 @@ class Hanging(PushModel):
     def cause(self, points: FloatArray, axes: FloatArray) -> tuple[str, str]:
         """See :class:`PushModel`; all swallowed fruits are named, before a missed target."""
         told = range(self.searched, self.searched + min(self.states, HANGING.causes))
-        worst = max(
-            (self.led(state, points, axes) for state in told),
-            key=lambda push: swinging.score_of(*push.harm) + push.pulls.max() / PUSH.harm.pull,
+        state, worst = max(
+            ((state, self.led(state, points, axes)) for state in told),
+            key=lambda one: swinging.score_of(*one[1].harm) + one[1].pulls.max() / PUSH.harm.pull,
         )
         found = worst.harm
         names = [fruit.id for fruit in self.fruits]
         if found.inside > PUSH.harm.inside_time:
-            some, (points, axes, dt) = self._steps(0, 1, points, axes)
+            some, (points, axes, dt) = self._steps(state, 1, points, axes)
             within = steps_inside(worst.positions, points, axes, self.cup, some)[1:]
             most = max(int(within.max()), 1)
             first, *others = (
@@ -555,7 +555,8 @@ def fingers_of(scene: Scene, tool: Tool) -> tuple[float, ...]:
         return ()
     if isinstance(unmounted(tool), Scissor) and target is not None and scene.approach.shift.any():
         balls = bending.hanging_balls(target)
-        cut = balls.apart + balls.above
+        nodes = (item.stem.root for item in scene.taken[1:] if item.stem is not None)
+        cut = max([balls.apart + balls.above, *(math.dist(one, balls.center) for one in nodes)])
     palm = [solid.corners for solid in tool.solids() if solid.part == "palm"]
     x, y, z = ((np.concatenate(palm) - tool.point) @ tool.rotation).T if palm else np.zeros((3, 1))
     sizes = float(np.abs(x).max()), float(np.abs(y).max()), float(z.min())
