@@ -11,9 +11,8 @@ import numpy as np
 
 from benchmarks.registry import NotAvailableError
 from optipromp.core.arrays import FloatArray
-from optipromp.core.optimization.costs.obstacles import self_overlap
-from optipromp.core.optimization.evaluation import Evaluation
 from optipromp.core.planning import goals
+from optipromp.core.planning.collision import collider, open_edge
 from optipromp.core.planning.options import Timed
 from optipromp.core.planning.task import Task, resolve
 from optipromp.core.planning.timing import paced, shortest, slowly
@@ -113,36 +112,20 @@ def timed(setup: Task, path: FloatArray) -> Trajectory:
     return paced(setup, Timed(), q, int(near.argmax()), PUSH.hanging.speed)
 
 
-class Checker:
-    """Our collision checker for one configuration, on the kernels of the planning loop.
+def checker(task: Task) -> Callable[[FloatArray], bool]:
+    """Whether a configuration (n,) touches nothing that it must not, by our compiled check.
 
-    What must not touch is what the judge asks: any part of the robot and static objects; B_d (all
-    links but the last and the tool) and the other objects; links that are not neighbours.
+    The last link and the tool may touch pushables.
     """
-
-    def __init__(self, setup: Task) -> None:
-        self.setup = setup
-        self.evaluation = Evaluation(setup.robot, setup.body, 1, 1.0)
-        self.proximal = ~np.asarray(setup.body.distal)
-
-    def __call__(self, q: FloatArray) -> bool:
-        """Whether the robot at ``q`` (n,) touches nothing that it must not."""
-        e, around = self.evaluation, self.setup.surroundings
-        e.move_to(q[None])
-        e.static.measure(e, around.static, len(around.static.kind), 0.0)
-        if e.static.distance.min(initial=0.0) < 0.0:
-            return False
-        e.dynamic.measure(e, around.dynamic, around.shared, 0.0)
-        if e.dynamic.distance[:, self.proximal].min(initial=0.0) < 0.0:
-            return False
-        return not self_overlap(e, 0.0).any()
+    body, room = collider(task, task.surroundings.shared), np.empty(task.robot.n_joints)
+    return lambda q: bool(open_edge(body, q, q, room))
 
 
 def rrt_connect(scene: Scene, seed: int) -> Answer:
     """RRT-Connect to our goal configurations, on our collision checker; raises as :func:`grown`."""
     setup = resolve(scene)
     found, touching = goals.choose(setup, seed)  # a part of its time
-    free = Checker(setup)
+    free = checker(setup)
     ends = [goal for goal in found if not touching and free(goal)]
     if not ends:
         return Answer(None, "no goal")

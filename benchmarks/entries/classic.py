@@ -6,11 +6,10 @@ from typing import ClassVar
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed
-from benchmarks.peers import grown
+from benchmarks.peers import checker, grown
 from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.planning.collision import collider, open_edge
 from optipromp.core.planning.planners import goal_configurations
 from optipromp.core.planning.task import Task, pushed_aside, resolve
 from optipromp.core.pushing.model import PushModel
@@ -85,11 +84,7 @@ class Rrt:
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
         """See :class:`optipromp_bench.tracks.Planning`; raises as :func:`grown` does."""
         task = resolve(scene)
-        body, room = collider(task, task.surroundings.shared), np.empty(task.robot.n_joints)
-
-        def free(q: FloatArray) -> bool:
-            return bool(open_edge(body, q, q, room))
-
+        free = checker(task)
         try:
             ends = [q for q in goal_configurations(pushed_aside(task), Budget()).q if free(q)]
         except OptiPrompError:
