@@ -135,7 +135,8 @@ def _part(island: BoolArray, metres: FloatArray, p: EyeParameters) -> tuple[IntA
     radii = edge[peaks[:, 0], peaks[:, 1]]
     island = island & (distance_in(~core) * metres <= p.thin)  # without its stem
     order = np.argsort(-radii, kind="stable")
-    return _balls(island, peaks[order], radii[order])
+    balls: tuple[IntArray, int] = _balls(island, peaks[order], radii[order])
+    return balls
 
 
 @kernel

@@ -17,13 +17,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import find_objects, gaussian_filter
+from scipy.ndimage import find_objects, gaussian_filter, label
 
 from optipromp.core.arrays import BoolArray, FloatArray
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.files import read_bytes
 from optipromp_eyes.finder import Class, Found, Region, box_of, largest, most_about
-from optipromp_eyes.geometry import numbered
 from optipromp_eyes.needed import needed, opencv
 from optipromp_eyes.parameters import EyeParameters
 from optipromp_eyes.pictures import MOST_SEEN, DepthPicture
@@ -312,8 +311,8 @@ def grouped(sure: FloatArray, offsets: FloatArray) -> NDArray[np.int32]:
     box = box_of(votes > 0, math.ceil(4.0 * SPREAD) + APART)  # beyond, all is as if it were empty
     smooth = gaussian_filter(votes[box].astype(float), SPREAD)
     peaks[box] = (smooth == most_about(smooth, APART)) & (smooth >= LEAST_VOTES)
-    marks = numbered(peaks, 8)
-    if not marks.any():
+    marks, count = label(peaks, np.ones((3, 3)))
+    if not count:
         return out
     at = np.nonzero(marks)
     kinds = marks[at] - 1

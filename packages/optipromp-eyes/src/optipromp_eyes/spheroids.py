@@ -183,14 +183,6 @@ class SpheroidViews(NamedTuple):
     spill: FloatArray
 
 
-def _at(
-    picture: DepthPicture, colours: Codes, where: FloatArray
-) -> tuple[FloatArray, FloatArray, Codes]:
-    """Rays (..., 3), depths (nan outside the picture) and colours at pixels (..., 2)."""
-    cells, place, depth = _there(picture, where)
-    return picture.camera.through(cells), depth, colours.ravel()[place]
-
-
 def _there(picture: DepthPicture, where: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """The nearest pixels (..., 2) to places (..., 2), their numbers, and their depths (nan outside
     the picture)."""
@@ -225,7 +217,8 @@ def shown_of(
     balls = SpheroidRows(x[:, :3], axis_of(x, axes)[0], radius, radius * np.exp(x[:, 4]))
     ticks = np.linspace(-WIDE, WIDE, GRID)
     grid = np.stack(np.meshgrid(ticks, ticks), axis=-1).reshape(-1, 2)
-    rays, depth, colour = _at(picture, colours, middle[:, None] + size[:, None, None] * grid)
+    cells, place, depth = _there(picture, middle[:, None] + size[:, None, None] * grid)
+    rays, colour = picture.camera.through(cells), colours.ravel()[place]
     aside, front = surface(rays, balls)
     known = depth > 0.0
     mine = known & (colour == kinds[:, None]) & (np.abs(depth - front) < slack)

@@ -55,7 +55,11 @@ def unmeasured(
     for marks in (numbered(morphed(mask, "OPEN")) for mask in masks):
         large = EVERY**2 * np.bincount(marks.ravel()) >= p.least_pixels
         for number, box in enumerate(find_objects(marks), 1):
-            if not large[number] or not _is_round(patch := marks[box] == number):
+            if not large[number]:
+                continue
+            whole = without_holes(patch := marks[box] == number)
+            long, broad, area = ellipse_of(whole)
+            if long > LONGEST * broad or whole.sum() < DENSEST * area:
                 continue
             if by_colour and not _ringed(box, patch, bounds):
                 continue
@@ -71,12 +75,6 @@ def unmeasured(
                 item = SceneObject(f"unmeasured{len(out) + 1}", "static", *solid)
                 out.append((f"column {column:.0f}, row {row:.0f}", item))
     return tuple(out)
-
-
-def _is_round(patch: BoolArray) -> bool:
-    whole = without_holes(patch)
-    long, broad, area = ellipse_of(whole)
-    return bool(long <= LONGEST * broad and whole.sum() >= DENSEST * area)
 
 
 def _ringed(box: tuple[slice, ...], patch: BoolArray, edges: BoolArray) -> bool:
