@@ -241,7 +241,7 @@ class DepthPicture:
         if k <= 1:
             return self
         first, lens = (k - 1) // 2, self.camera
-        rgb, depth = (np.ascontiguousarray(a[first::k, first::k]) for a in (self.rgb, self.depth))
+        rgb, depth = self.rgb[first::k, first::k].copy(), self.depth[first::k, first::k].copy()
         camera = replace(
             lens, width=depth.shape[1], height=depth.shape[0], fx=lens.fx / k, fy=lens.fy / k,
             cx=(lens.cx - first) / k, cy=(lens.cy - first) / k,
