@@ -58,7 +58,7 @@ def objects_of(
     if counted is not None:  # what moves: see judging/moving.py
         counts &= np.isin(np.arange(len(role)), list(counted))
     role[~counts] = -1
-    kind, size, bound = measured(scene.alike)
+    kind, size, bound = measured(scene.columns["shape"])
     owner, middle, turn, capsule = _stems(scene)
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
     role = np.concatenate([role, np.where(counts[owner], STEM, -1)])
@@ -106,16 +106,15 @@ def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
     return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
 
 
-def measured(of: Sequence[shapes.Shape] | shapes.Alike) -> tuple[IntArray, FloatArray, FloatArray]:
+def measured(of: Sequence[shapes.Shape]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Objects` holds them.
 
     The judge reads shapes itself: a wrong size in ``Shape.measure`` must not deceive both the
     planner and the judge. What is none of these shapes is measured as a mesh or a point cloud.
     """
-    of = of if isinstance(of, shapes.Alike) else shapes.Alike.of(of)
-    kind, size = np.full(of.number, shapes.GRID, dtype=np.int64), np.zeros((of.number, 3))
-    bound = np.full(of.number, np.inf)
-    for k, shape in of.parts:
+    kind, size = np.full(len(of), shapes.GRID, dtype=np.int64), np.zeros((len(of), 3))
+    bound = np.full(len(of), np.inf)
+    for k, shape in shapes.alike(of):
         match shape:
             case shapes.Sphere(radius=r):
                 kind[k], size[k, 0], bound[k] = shapes.SPHERE, r, r
@@ -136,6 +135,8 @@ def measured(of: Sequence[shapes.Shape] | shapes.Alike) -> tuple[IntArray, Float
                 bound[k] = 0.5 * h + np.maximum(r, tip)
             case shapes.HalfSpace():
                 kind[k] = shapes.HALF_SPACE
+            case _:
+                bound[k] = shape.measure.bound
     return kind, size, bound
 
 

@@ -29,7 +29,7 @@ from optipromp.core.compiled import inner, kernel
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, rows_around
 
 DriftRule = Literal["shortest", "lateral-plane", "paper"]
 RULE = PUSH.rule
@@ -60,7 +60,7 @@ def neighbours(
         place, own = place + scene.approach.shift, scene.taken
     x_g, y_g, z_g = scene.frame
     found = []
-    for obj in scene.objects_at(scene.around(place, search_radius, "pushable")):
+    for obj in scene.objects_at(rows_around(scene, place, search_radius, "pushable")):
         off = obj.position - place
         along = float(off @ z_g)
         aside = math.hypot(off @ x_g, off @ y_g)

@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any
@@ -27,7 +27,7 @@ from optipromp.core.arrays import (
 )
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
-from optipromp.core.geometry.shapes import Alike, PointCloudShape
+from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import Crop
@@ -363,34 +363,9 @@ class Scene(Shown, Framed):
         out[turned] = from_quaternion(joined([column[k] for k in turned]).reshape(-1, 4))
         return read_only(out)
 
-    @cached_property
-    def alike(self) -> Alike:
-        """The shapes, those of a class together."""
-        return Alike.of(self.columns["shape"])
-
-    @cached_property
-    def measures(self) -> Measures:
-        """Kinds (N,), sizes (N, 3) and radii (N,) of the shapes, see :class:`Obstacles`."""
-        kind, size, bound = measures(self.alike)
-        return read_only(kind), read_only(size), read_only(bound)
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Radii (N,) of balls about the positions that contain the shapes [m]."""
-        return self.measures[2]
-
     def rows(self, role: Role) -> IntArray:
         """Indices (K,) of the ``objects`` of a role, in ascending order."""
         return self._rows[role]
-
-    def around(self, center: FloatArray, reach: float, role: Role) -> IntArray:
-        """Indices (K,) of the ``objects`` of a role whose bounding balls are within ``reach`` [m]
-        of ``center`` (3,). The objects themselves may be farther away."""
-        rows = self._rows[role]
-        if not len(rows):
-            return rows
-        off = self.positions[rows] - center
-        return np.asarray(rows[lengths(off) - self.bounds[rows] <= reach + _ROUNDING])
 
     def objects_at(self, rows: IntArray) -> tuple[SceneObject, ...]:
         """The ``objects`` at indices (K,)."""
@@ -474,6 +449,20 @@ class Scene(Shown, Framed):
         return self.approach.frame
 
 
+@lru_cache(maxsize=8)
+def measures_of(world: Scene) -> Measures:
+    """Kinds (N,), sizes (N, 3) and radii (N,) of a scene's shapes, see :class:`Obstacles`."""
+    return measures(world.columns["shape"])
+
+
+def rows_around(scene: Scene, center: FloatArray, reach: float, role: Role) -> IntArray:
+    """Indices (K,) of the ``objects`` of a role whose bounding balls are within ``reach`` [m] of
+    ``center`` (3,). The objects themselves may be farther away."""
+    rows, (_, _, bound) = scene.rows(role), measures_of(scene.world)
+    off = scene.positions[rows] - center
+    return np.asarray(rows[lengths(off) - bound[rows] <= reach + _ROUNDING])
+
+
 def obstacles_of(scene: Scene, *roles: Role) -> Obstacles:
     """A scene's objects of ``roles`` (by default all), packed for the kernels, in their order."""
     wanted = roles or ROLES
@@ -488,7 +477,7 @@ def packed(scene: Scene, rows: IntArray, *, reach: float = 0.0, within: float = 
 
     ``reach`` and ``within``: see :func:`optipromp.core.geometry.obstacles.pack`.
     """
-    kind, size, bound = scene.measures
+    kind, size, bound = measures_of(scene.world)
     shapes = [scene.columns["shape"][k] for k in rows.tolist()]
     return packed_shapes(
         shapes, scene.positions[rows], scene.rotations[rows],
