@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, frame_along, lengths
+from optipromp.core.arrays import FloatArray, IntArray, lengths
 from optipromp.core.compiled import called, inlined, inner
 from optipromp.core.geometry import shapes
 from optipromp.core.scenes.objects import Role
@@ -59,7 +59,7 @@ def objects_of(
         counts &= np.isin(np.arange(len(role)), list(counted))
     role[~counts] = -1
     kind, size, bound = measured(scene.columns["shape"])
-    owner, middle, turn, capsule = _stems(scene)
+    owner, middle, turn, capsule = scene.strands
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
     role = np.concatenate([role, np.where(counts[owner], STEM, -1)])
     kind = np.concatenate([kind, np.full(len(owner), shapes.CAPSULE)])
@@ -83,20 +83,6 @@ def objects_of(
         middle, np.maximum.reduceat(reach, start),
     )  # fmt: skip
     return objects, scene.objects_at(rest)
-
-
-def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """The S pieces of all stems as capsules; see :attr:`Scene.strands`.
-
-    Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
-    sizes (S, 3) [m]: radius, half length and 0.
-    """
-    owner, ends, radius = scene.strands
-    along = ends[:, 1] - ends[:, 0]
-    length = lengths(along)
-    turn = frame_along(along / length[:, None])
-    size = np.column_stack([radius, 0.5 * length, np.zeros(len(length))])
-    return owner, ends.mean(axis=1), turn, size
 
 
 def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
