@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from optipromp.core.planning.planners import IProMP, OptiProMP
+from optipromp.core.planning.conditioned import IProMP
+from optipromp.core.planning.planners import OptiProMP
 from optipromp.core.pushing.rules import DriftRule
 
 
