@@ -18,8 +18,8 @@ from optipromp.core.scenes.scene import Scene
 SAME = 1e-6  # 1 less the cosine between two directions that are one: 0.1 degrees
 
 
-def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried) -> Iterator[Task]:
-    """The task with each of the ``most`` promising approaches that its scene allows.
+def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
+    """The task with each of the ``APPROACH.tried`` most promising approaches of its scene.
 
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
     stays round the target. To a long target that does not fit in every state, it comes only from
@@ -68,7 +68,7 @@ def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried
         directions = [(axis, scene.approach.shift) for axis in tilts]
         beside = (reach * flat for flat in flats if reach > 0.0)
         directions += [(z_g, scene.approach.shift + shift) for shift in beside]
-    left, best = most, list[tuple[float, int, Task]]()
+    left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (direction, shift) in enumerate(directions):
         if clock() > end:
             return
