@@ -13,7 +13,7 @@ from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 from optipromp_loop.control import Tracker
-from optipromp_loop.control.courses import Displacement, Route, follow, path_back
+from optipromp_loop.control.courses import Route, path_back
 from optipromp_loop.control.driver import Driver
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.picks import to_camera_point
@@ -116,36 +116,6 @@ def test_a_course_never_swings_past_the_end_of_its_path(made: Plan) -> None:
             tips, _ = robot.tool_pose(np.array([course.curve.at(t).q for t in times]))
             assert ((tips - route.points[-1] - moved) @ axis).max() < 0.005
     assert found >= 3
-
-
-def test_the_tool_keeps_to_a_path_that_is_moved_anew_at_each_look(made: Plan) -> None:
-    """Twenty times a second a plant that sways by 20 mm is seen with errors of 3 mm."""
-    route, now, off = Route.of(made), 0.0, list[float]()
-    rng, place = np.random.default_rng(5), route.points[-1:]
-    course = follow(route, 0.0, State(made.trajectory.positions[0]), now, at_rest(place))
-    assert course is not None
-    while course.phase_at(now) < route.duration:
-        now += 0.05
-        error = rng.normal(0.0, 0.003, 3)
-        field = Displacement(place, lambda times, e=error: (swaying(times) + e)[:, None])
-        phase, state = course.phase_at(now), course.at(now)
-        rows = made.trajectory.sample(phase)[0]
-        wanted = made.robot.tool_pose(rows)[0][0] + swaying(np.array([now]))[0]
-        if phase > route.approach + 0.3:  # [s] of the first blend
-            off.append(float(np.linalg.norm(made.robot.tool_pose(state.q)[0] - wanted)))
-        course = follow(route, phase, state, now, field) or course
-    assert len(off) > 20
-    assert max(off) < 0.01
-    assert np.mean(off) < 0.005
-
-
-def swaying(times: FloatArray) -> FloatArray:
-    """Displacement (M, 3) of a plant that sways by 20 mm, 0.9 times a second [m]."""
-    return np.outer(np.sin(2.0 * np.pi * 0.9 * times), [0.02, 0.0, 0.0])
-
-
-def at_rest(place: FloatArray) -> Displacement:
-    return Displacement(place, lambda times: np.zeros((len(times), 1, 3)))
 
 
 def test_a_path_that_is_not_moved_with_the_plant_stays_as_it_is(made: Plan) -> None:

@@ -105,6 +105,20 @@ def test_the_tool_follows_a_plant_that_sways(route: Route, frequencies: Any) -> 
     assert still.away(route, moves).max() > 0.01  # the plan alone is far from there
 
 
+def test_the_tool_keeps_to_a_path_that_is_moved_anew_at_each_look(route: Route) -> None:
+    """At each look the plant that sways is seen with errors of 3 mm."""
+    moves, rng = sines(0.9), np.random.default_rng(5)
+
+    def seen(_: float) -> Displacement:
+        error = rng.normal(0.0, 0.003, 3)
+        return common(route, lambda t: moves(t) + error)
+
+    away = Followed.along(route, seen, route.duration).away(route, moves)
+    assert len(away) > 100
+    assert away.max() < 0.01
+    assert away.mean() < 0.005
+
+
 def test_a_plan_followed_a_hundred_times_does_not_drift(route: Route) -> None:
     still = common(route, lambda t: np.zeros((len(t), 3)))
     done = Followed.along(route, lambda _: still, 100 * PERIOD)
