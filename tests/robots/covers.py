@@ -12,3 +12,12 @@ def away(points: np.ndarray, spheres: np.ndarray) -> np.ndarray:
 def worst_gap(points: np.ndarray, spheres: np.ndarray) -> float:
     """How far the worst point lies outside of every sphere [m]; below 0 where none does."""
     return float(away(points, spheres).max())
+
+
+def directions(count: int) -> np.ndarray:
+    """Unit vectors (count, 3), evenly spread (Fibonacci)."""
+    i = np.arange(count) + 0.5
+    polar, turn = np.arccos(1.0 - 2.0 * i / count), np.pi * (1.0 + 5.0**0.5) * i
+    return np.column_stack(
+        [np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)]
+    )

@@ -117,9 +117,9 @@ class Change:
         p = of_crop(SimulationParameters(), scene.crop)
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
-            p = replace(p, engine=replace(p.engine, settle=SETTLE))
+            p = p.changed(engine={"settle": SETTLE})
             sway = {k: v for k, v in self.disturbance.items() if k.startswith(("sway", "gust"))}
-            seen = seen_at_once(seen, scene, seed, _disturbed(p, sway))
+            seen = seen_at_once(seen, scene, seed, p.changed(disturbance=sway))
         truth, p = _changed(scene, p, **drawn)
         if self.shift is not None:
             by, part = self.shift(truth, rng), "whole" if self.roots else "object"
@@ -128,11 +128,7 @@ class Change:
             seen = miscalibrated(seen, scene, self.detector, seed)
         if self.unseen:
             seen = drop_one(seen, seed)
-        return Situation(truth, seen, self.detector, _disturbed(p, self.disturbance))
-
-
-def _disturbed(p: SimulationParameters, values: Mapping[str, Any]) -> SimulationParameters:
-    return replace(p, disturbance=replace(p.disturbance, **values))
+        return Situation(truth, seen, self.detector, p.changed(disturbance=self.disturbance))
 
 
 def _changed(
@@ -146,18 +142,16 @@ def _changed(
     hanging balls.
     """
     of = p.stem
-    stem = replace(
-        of, youngs_modulus=stiffness * of.youngs_modulus, grown_turn=of.grown_turn / stiffness,
-        damping_time=damping * of.damping_time, swing_damping=damping * of.swing_damping,
-        damping_ratio=damping * of.damping_ratio, calyx=calyx or of.calyx,
-        stretch=stretch or of.stretch,
-    )  # fmt: skip
-    p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
+    stem: dict[str, Any] = {
+        "youngs_modulus": stiffness * of.youngs_modulus, "grown_turn": of.grown_turn / stiffness,
+        "calyx": calyx or of.calyx, "stretch": stretch or of.stretch,
+    }  # fmt: skip
+    for name in ("damping_time", "swing_damping", "damping_ratio"):
+        stem[name] = damping * getattr(of, name)
+    p = p.changed(stem=stem, fruit={"density": density * p.fruit.density})
     if friction is not None:
-        p = replace(
-            p, fruit=replace(p.fruit, friction=friction), stem=replace(p.stem, friction=friction),
-            robot=replace(p.robot, tool_friction=friction),
-        )  # fmt: skip
+        same = {"friction": friction}
+        p = p.changed(fruit=same, stem=same, robot={"tool_friction": friction})
 
     def sized(item: SceneObject) -> SceneObject:
         of = item.shape

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 from tests.robots.builders import BAR, TOOLS
+from tests.robots.covers import directions
 
 from optipromp.core.geometry.shapes import (
     Box,
@@ -73,15 +74,6 @@ def test_every_kind_of_tool_is_looked_at() -> None:
 def world_of(robot: Robot) -> World:
     """A world of a robot alone; all that collides in it is the robot's, but for the floor."""
     return build(Scene("alone", robot.name, (), goal=JointGoal(robot.home)), robot)
-
-
-def directions(count: int) -> np.ndarray:
-    """Unit vectors (count, 3), evenly spread (Fibonacci)."""
-    i = np.arange(count) + 0.5
-    polar, turn = np.arccos(1.0 - 2.0 * i / count), np.pi * (1.0 + 5.0**0.5) * i
-    return np.column_stack(
-        [np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)]
-    )
 
 
 def surface(model, geom: int) -> np.ndarray:

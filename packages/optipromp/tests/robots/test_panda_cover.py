@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.robots.covers import away
+from tests.robots.covers import away, directions
 from tests.robots.stock import installed
 
 from optipromp.core.robots import FrankaHand, Robot, load_robot
@@ -48,15 +48,6 @@ def distance(body: object, point: np.ndarray) -> float:
     there = coal.Transform3s(np.eye(3), point)
     return float(
         coal.distance(body, coal.Transform3s(), dot, there, coal.DistanceRequest(), result)
-    )
-
-
-def directions(count: int) -> np.ndarray:
-    """Unit vectors (count, 3), evenly spread (Fibonacci)."""
-    i = np.arange(count) + 0.5
-    polar, turn = np.arccos(1.0 - 2.0 * i / count), np.pi * (1.0 + 5.0**0.5) * i
-    return np.column_stack(
-        [np.cos(turn) * np.sin(polar), np.sin(turn) * np.sin(polar), np.cos(polar)]
     )
 
 
