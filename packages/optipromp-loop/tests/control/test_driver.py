@@ -5,13 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import Plan, plan
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.trajectory import State
 from optipromp_loop.control import Tracker
 from optipromp_loop.control.courses import Route, path_back
 from optipromp_loop.control.driver import Driver
@@ -19,6 +17,7 @@ from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.picks import to_camera_point
 from optipromp_loop.control.tracker import Tracked
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation.records import used
 
 LEAD = CONTROL.lead
 
@@ -45,11 +44,6 @@ def driver(made: Plan, scene: Scene | None = None) -> Driver:
     return Driver(scene or made.scene, made.robot, start, CONTROL)
 
 
-def shares(robot: Robot, curve: Trajectory) -> float:
-    limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
-    return float((judging.extremes(curve).largest / limits).max())
-
-
 def test_among_fruits_that_hang_still_nothing_takes_over_after_the_first(made: Plan) -> None:
     drive, route, tracked = driver(made), Route.of(made), seen(made.scene)
     assert drive.rests(0.0)
@@ -74,7 +68,7 @@ def test_a_plant_that_moved_asks_for_another_course(made: Plan) -> None:
     assert drive.go_on(now, seen(made.scene, small)) is None
     after = drive.go_on(now, seen(made.scene, large))
     assert after.at(after.begins).near(before.at(after.begins), 1e-9)
-    assert shares(made.robot, after.curve) <= 1.0
+    assert max(used(made.robot, after.curve).values()) <= 1.0
     end, _ = made.robot.tool_pose(after.curve.positions[-1])
     planned, _ = made.robot.tool_pose(made.trajectory.positions[-1])
     assert end - planned == pytest.approx(large, abs=2e-4)
@@ -133,7 +127,7 @@ def test_a_braked_arm_comes_to_rest_and_then_waits_where_it_is_in_its_route(made
     assert before.at(at).moving
     braked = drive.brake(at)
     assert braked.at(at).near(before.at(at), 1e-9)
-    assert shares(made.robot, braked.curve) <= 1.0 + 1e-6
+    assert max(used(made.robot, braked.curve).values()) <= 1.0 + 1e-6
     last = braked.at(at + braked.curve.duration)
     assert np.abs([last.velocity, last.acceleration]).max() < 1e-9
     rest = at + braked.curve.duration
@@ -190,7 +184,7 @@ def test_the_way_back_leads_through_its_points_at_its_speed(made: Plan) -> None:
     back = path_back(made.robot, q, 0.1)
     assert np.array_equal(back.positions[0], q[0])
     assert np.array_equal(back.positions[-1], q[-1])
-    assert shares(made.robot, back) <= 1.0
+    assert max(used(made.robot, back).values()) <= 1.0
     times = np.arange(0.0, back.duration, 2e-3)
     points, _ = made.robot.tool_pose(back.sample(times)[0])
     passed, _ = made.robot.tool_pose(q)

@@ -21,7 +21,6 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.judging import extremes
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import ROWS, Crop
@@ -37,6 +36,7 @@ from optipromp_sim.simulation import Eye, Loop, Simulation, closed_loop
 from optipromp_sim.simulation.detector import Detector
 from optipromp_sim.simulation.detector_parameters import DETECTORS, DetectorParameters
 from optipromp_sim.simulation.parameters import SimulationParameters, of_crop
+from optipromp_sim.simulation.records import used
 from optipromp_sim.simulation.rollouts import Pick
 
 LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
@@ -354,7 +354,6 @@ def executed(
     the arm before the first stretch. ``until``: executor's time at which the run ended [s].
     """
     jumps, shares = np.zeros(3), np.zeros(3)
-    limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
     taken = [stretch for stretch in stretches if stretch.begins < until]
     ends = [*(one.begins for one in taken[1:]), until][: len(taken)]
     for k, (stretch, end) in enumerate(zip(taken, ends, strict=True)):
@@ -363,7 +362,7 @@ def executed(
         jumps = np.maximum(jumps, [np.abs(b - a).max() for a, b in zip(*both, strict=True)])
         part = cut(stretch.curve, end - stretch.begins)
         if part is not None:
-            shares = np.maximum(shares, (extremes(part).largest / limits).max(axis=1))
+            shares = np.maximum(shares, [*used(robot, part).values()])
     return Smoothness(jumps, shares)
 
 
