@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGES = (
-    "optipromp", "numpy", "scipy", "numba", "llvmlite", "movement_primitives", "mp_pytorch",
-    "torch", "ompl",
-)  # fmt: skip
+PACKAGES = "optipromp", "numpy", "scipy", "numba", "llvmlite", "movement_primitives", "ompl"
 
 
 def describe() -> dict[str, Any]:

@@ -3,24 +3,18 @@
 import shutil
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-import optipromp
 from benchmarks.evaluation import Case, Program, near_obstacles, panda_with_cup, reach
-from benchmarks.furniture import generate
-from benchmarks.grasps import touching
-from benchmarks.peers.common import Answer
+from benchmarks.peers import Answer
 from benchmarks.registry import SUITE, Context
 from benchmarks.run import apart, load_suite
 from benchmarks.suite.planners import Score, ours
 from benchmarks.timing import in_turn
-from optipromp.core.errors import Code
 from optipromp.core.planning import plan
 from optipromp.core.scenes import load_scene
-from optipromp.core.scenes.scene import JointGoal
 
 
 def test_every_benchmark_says_what_it_does() -> None:
@@ -91,17 +85,3 @@ def test_success_of_a_planner_is_what_the_judge_says() -> None:
     assert "swallowed" in fault
     score.add(lambda *_: Answer(None, "none"), scene, 0)
     assert (score.success, score.valid) == ([True, False, False], [True, True, False])
-
-
-@pytest.mark.slow
-def test_a_goal_at_which_the_hand_touches_one_thing_needs_the_pair() -> None:
-    table = generate("table-pick", 61_000)
-    found = touching(table, 1)
-    goal, thing = found
-    scene = replace(table, goal=JointGoal(goal))
-    assert optipromp.plan(scene).status is Code.GOAL_IN_COLLISION
-    paired = replace(scene, may_touch=(("tool", thing),))
-    made = optipromp.plan(paired)
-    assert made.success, made.message
-    bare = optipromp.judge(scene, made.trajectory).judgement.contacts
-    assert {(one.link, one.other) for one in bare} == {("tool", thing)}

@@ -5,7 +5,6 @@
 //     check             prints cost, values of the terms, and the gradient
 //     time N            runs N evaluations, prints seconds for one
 //     time-lean N       the same without the curvature that our kernels gather as they go
-//     profile N         seconds of its parts: kinematics, distances, terms, self, pull back
 //     quit
 
 #include <algorithm>
@@ -261,34 +260,6 @@ template <bool Curvature> double Problem::evaluate() {
     return cost;
 }
 
-Numbers Problem::profile(int runs) {
-    Numbers out(5, 0.0);
-    auto last = std::chrono::steady_clock::now();
-    auto passed = [&](int part) {
-        auto now = std::chrono::steady_clock::now();
-        out[part] += std::chrono::duration<double>(now - last).count() / runs;
-        last = now;
-    };
-    for (int i = 0; i < runs; ++i) {
-        kinematics();
-        clear<true>();
-        passed(0);
-        measure(fixed, fixed.size(), near_fixed);
-        measure(moving, shared, near_moving);
-        passed(1);
-        obstacles<true>(near_fixed, weights[0], true);
-        obstacles<true>(near_moving, weights[1], false);
-        push<true>();
-        velocity<true>();
-        passed(2);
-        self<true>();
-        passed(3);
-        pull_back();
-        passed(4);
-    }
-    return out;
-}
-
 template <bool Curvature> static double seconds(Problem& problem, int runs) {
     volatile double sink = 0;
     auto began = std::chrono::steady_clock::now();
@@ -312,9 +283,6 @@ int main(int count, char** words) try {
             std::printf("%.9g\n", seconds<true>(problem, runs));
         } else if (command == "time-lean" && std::cin >> runs) {
             std::printf("%.9g\n", seconds<false>(problem, runs));
-        } else if (command == "profile" && std::cin >> runs) {
-            for (double v : problem.profile(runs)) std::printf("%.9g ", v);
-            std::printf("\n");
         } else {
             throw std::runtime_error("unknown command " + command);
         }

@@ -42,7 +42,6 @@ class Problem {
   public:
     explicit Problem(std::map<std::string, Numbers> data);
     template <bool Curvature> double evaluate();
-    Numbers profile(int runs);
     Numbers gradient, terms;
 
   private:

@@ -1,4 +1,4 @@
-"""Entries of the field that no planner of ours is: trees, CHOMP from a line, push-aside."""
+"""Entries of the field that no planner of ours is: trees, push-aside."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -6,13 +6,11 @@ from typing import ClassVar
 import numpy as np
 
 from benchmarks.entries.pathed import Pathed
-from benchmarks.peers.ompl import grown
+from benchmarks.peers import checker, grown
 from optipromp.core.arrays import FloatArray, evenly_along
 from optipromp.core.budget import Budget
 from optipromp.core.errors import OptiPrompError
-from optipromp.core.planning.collision import collider, open_edge
 from optipromp.core.planning.planners import goal_configurations
-from optipromp.core.planning.result import Failed, Planned
 from optipromp.core.planning.task import Task, pushed_aside, resolve
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
@@ -21,34 +19,6 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp.timing import LEAST, gentle
 from optipromp_bench.entries.planners import OfPlanner
-from optipromp_paper.obstacles import Chomp, descend
-from optipromp_paper.straight import gently
-
-
-@dataclass(frozen=True)
-class FromLine(Chomp):
-    """CHOMP from the straight line in joint space."""
-
-    smoothness: float = 1e-4
-    name: ClassVar[str] = "chomp-line"
-    waypoints: ClassVar[int] = 100
-
-    def solve(self, task: Task, budget: Budget) -> Planned | Failed:
-        """See :class:`optipromp.core.planning.planners.Planner`."""
-        chosen = goal_configurations(pushed_aside(task), budget)
-        if not len(chosen.q):
-            return chosen.failed
-        share = np.linspace(0.0, 1.0, self.waypoints)[:, None]
-        line = task.start + share * (chosen.q[0] - task.start)
-        problem = self.problem(task, self.waypoints)
-        found = descend(problem, line, budget)
-        return gently(task, found.q)
-
-
-class ChompLine(OfPlanner):
-    """CHOMP from a straight line in joint space; every fruit is an obstacle of the cost."""
-
-    planner = FromLine()
 
 
 @dataclass(frozen=True)
@@ -111,26 +81,13 @@ class PushAside(OfPlanner):
 class Rrt:
     """RRT-Connect of OMPL; last link and tool may touch fruits, which are no obstacles to them."""
 
-    fruits: ClassVar[bool] = False
-
     def plan(self, scene: Scene, seed: int) -> Trajectory | None:
         """See :class:`optipromp_bench.tracks.Planning`; raises as :func:`grown` does."""
         task = resolve(scene)
-        around, room = task.surroundings, np.empty(task.robot.n_joints)
-        body = collider(task, len(around.dynamic.kind) if self.fruits else around.shared)
-
-        def free(q: FloatArray) -> bool:
-            return bool(open_edge(body, q, q, room))
-
+        free = checker(task)
         try:
             ends = [q for q in goal_configurations(pushed_aside(task), Budget()).q if free(q)]
         except OptiPrompError:
             return None
         corners = grown(task, ends, free, seed) if ends else None
         return None if corners is None else gentle(scene, evenly_along(corners, LEAST))
-
-
-class RrtObstacles(Rrt):
-    """RRT-Connect of OMPL; every fruit is an obstacle to the whole robot, or the scene refused."""
-
-    fruits = True

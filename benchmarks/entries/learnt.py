@@ -9,20 +9,17 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from benchmarks.entries.pathed import Pathed, Refusing, harm_of
 from optipromp.core.arrays import FloatArray
 from optipromp.core.errors import InvalidRequestError, installed_by
 from optipromp.core.planning import plan
-from optipromp.core.planning.task import Task, posed
-from optipromp.core.pushing.model import PushModel
-from optipromp.core.pushing.path import ToolPath
+from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import Trajectory
 from optipromp_bench.entries.planners import gentle_plan
 from optipromp_bench.env import SPEED, objects_in, state_of
 from optipromp_bench.episode import Observation, joints_for
-from optipromp_bench.primitive import COUNT, OfWeights, path_of
+from optipromp_bench.primitive import COUNT, OfWeights
 
 NEARER, WEAKER = 10.0, 0.1  # factors on the tool's place [m] and on forces [N]: choices
 STRONGEST = 3.0  # of a force after its factor: a choice
@@ -77,27 +74,6 @@ class SetNetwork:
         weights, score = proposals(scene)
         best = weights[int(score.argmax())]
         return gentle_plan(plan(scene, planner=OfWeights(weights=best), seed=seed), scene)
-
-
-class ByProposals(Pathed):
-    """The proposal of the set network with least harm in our push model."""
-
-    name: ClassVar[str] = "set-checked"
-
-    def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
-        """See :class:`optipromp_bench.entries.motions.Pathed`."""
-        weights, score = proposals(task.scene)
-        best = int(score.argmax())
-        if model is not None:
-            harms = [harm_of(task, model, each, model.states) for each in weights]
-            best = int(np.argmin(harms))
-        return path_of(task, weights[best])
-
-
-class SetChecked(Refusing):
-    """The network's proposals, of which our push model takes one; refuses by it."""
-
-    planner = ByProposals()
 
 
 class Cloned:

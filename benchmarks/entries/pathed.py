@@ -1,22 +1,16 @@
-"""What entries share: planners that follow a tool path of their own, and the harm of weights."""
+"""What entries share: planners that follow a tool path of their own."""
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar
 
-import numpy as np
-
-from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget
 from optipromp.core.errors import Code
-from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.planners import OptiProMP, goal_configurations
 from optipromp.core.planning.result import Answer, Failed
-from optipromp.core.planning.task import Task, pushed_aside, spaced
+from optipromp.core.planning.task import Task, pushed_aside
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.path import ToolPath
-from optipromp.core.scenes.scene import PoseGoal, Scene
-from optipromp_bench.primitive import COUNT, path_of
+from optipromp.core.scenes.scene import PoseGoal
 
 
 @dataclass(frozen=True)
@@ -41,20 +35,3 @@ class Pathed(OptiProMP):
             return chosen.failed
         path = self.path(task, task.push_model(chosen.q[0]), task.seed)
         return super().solve(task, budget, only or path)
-
-
-def harm_of(task: Task, model: PushModel, weights: FloatArray, states: int) -> float:
-    """The predicted harm of weights (2, COUNT) of a primitive."""
-    points = path_of(task, weights.reshape(2, COUNT)).points
-    axes = task.axes(np.linspace(0.0, 1.0, len(points)))
-    return model.harm(*spaced(points, axes), states)
-
-
-class Refusing:
-    """A planner of its own as an entry; it knows the push model, and refuses by it."""
-
-    planner: ClassVar[Pathed]
-
-    def plan(self, scene: Scene, seed: int) -> Plan:
-        """See :class:`optipromp_bench.tracks.Planning`."""
-        return plan(scene, planner=self.planner, seed=seed)

@@ -1,4 +1,4 @@
-"""Entries that sample primitives in the push model: MPPI, episodic search, receding horizon."""
+"""Entries that sample primitives in the push model: MPPI, receding horizon."""
 
 import itertools
 from dataclasses import dataclass
@@ -6,12 +6,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from benchmarks.entries.pathed import Pathed, Refusing, harm_of
+from benchmarks.entries.pathed import Pathed
 from optipromp.core.arrays import FloatArray
+from optipromp.core.planning import Plan, plan
 from optipromp.core.planning.task import Task, spaced
 from optipromp.core.pushing.model import PushModel
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.path import ToolPath, through
+from optipromp.core.scenes.scene import Scene
 from optipromp_bench.primitive import COUNT, path_of
 
 SMALL = 0.02  # harm that a squared weight counts as: of equal paths the straighter: a choice
@@ -43,32 +45,6 @@ class ByMppi(Pathed):
             mean = share @ drawn / share.sum()
         if model is not None and _costs(task, model, mean[None], self.states)[0] < least:
             best = mean
-        return path_of(task, best.reshape(2, COUNT))
-
-
-@dataclass(frozen=True)
-class ByEpisodes(Pathed):
-    """Episodic search of weights by the cross-entropy method (Rubinstein 1999), anew a scene."""
-
-    name: ClassVar[str] = "episodic"
-    rounds: ClassVar[int] = 8
-    samples: ClassVar[int] = 60
-    elite: ClassVar[int] = 10
-    states: ClassVar[int] = 2
-
-    def path(self, task: Task, model: PushModel | None, seed: int) -> ToolPath:
-        """See :class:`Pathed`."""
-        rng = np.random.default_rng(seed)
-        mean, wide = np.zeros(2 * COUNT), np.full(2 * COUNT, 0.6)
-        best, least = mean, np.inf
-        for _ in range(self.rounds if model is not None else 0):
-            assert model is not None
-            drawn = np.vstack([mean, mean + wide * rng.standard_normal((self.samples, 2 * COUNT))])
-            cost = _costs(task, model, drawn, self.states)
-            order = np.argsort(cost)[: self.elite]
-            if cost[order[0]] < least:
-                best, least = drawn[order[0]], float(cost[order[0]])
-            mean, wide = drawn[order].mean(axis=0), drawn[order].std(axis=0) + 0.02
         return path_of(task, best.reshape(2, COUNT))
 
 
@@ -118,20 +94,28 @@ class ByHorizon(Pathed):
 
 def _costs(task: Task, model: PushModel, drawn: FloatArray, states: int) -> FloatArray:
     small = SMALL * np.sum(drawn**2, axis=1)
-    harm = [harm_of(task, model, np.clip(each, -1.5, 1.5), states) for each in drawn]
+    harm = []
+    for weights in np.clip(drawn, -1.5, 1.5):
+        points = path_of(task, weights.reshape(2, COUNT)).points
+        axes = task.axes(np.linspace(0.0, 1.0, len(points)))
+        harm.append(model.harm(*spaced(points, axes), states))
     return np.asarray(np.array(harm) + small)
+
+
+class Refusing:
+    """A planner of its own as an entry; it knows the push model, and refuses by it."""
+
+    planner: ClassVar[Pathed]
+
+    def plan(self, scene: Scene, seed: int) -> Plan:
+        """See :class:`optipromp_bench.tracks.Planning`."""
+        return plan(scene, planner=self.planner, seed=seed)
 
 
 class Mppi(Refusing):
     """MPPI on the push model."""
 
     planner = ByMppi()
-
-
-class Episodic(Refusing):
-    """Episodic search of weights on the push model."""
-
-    planner = ByEpisodes()
 
 
 class Receding(Refusing):

@@ -5,13 +5,11 @@ Each planner runs in a process of its own, in turn with ours on the same scenes.
 
 import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from benchmarks.peers import ompl
-from benchmarks.peers.common import Answer, Planner
+from benchmarks.peers import Answer, Planner, rrt_connect
 from benchmarks.registry import RATIO, SUITE, Absent, Context, Measured, Metric, Value, Values
 from benchmarks.scenes import groups
 from benchmarks.timing import median, paired_ratio
@@ -35,20 +33,17 @@ def ours(name: str = "opti-promp") -> Planner:
     return answer
 
 
-PEERS: dict[str, tuple[str, Callable[[], Planner]]] = {
+PEERS: dict[str, tuple[str, Planner]] = {
     "obstacles": (
         "a baseline of our studies: our optimiser, every fruit is avoided by cost",
-        lambda: ours("obstacles"),
+        ours("obstacles"),
     ),
     "chomp": (
         "another one: covariant gradient descent from a ProMP, fruits are obstacles",
-        lambda: ours("chomp"),
+        ours("chomp"),
     ),
     "OMPL RRT-Connect": (
-        "our collision checker and goals; the tool may push", lambda: ompl.rrt_connect(False)
-    ),
-    "OMPL RRT-Connect, fruits are obstacles": (
-        "the same, but nothing may touch a pushable", lambda: ompl.rrt_connect(True)
+        "our collision checker and goals; the tool may push", rrt_connect
     ),
 }  # fmt: skip
 
@@ -120,24 +115,23 @@ def metrics_of(planner: str, about: str = "", ratio: bool = True) -> list[Metric
     return out
 
 
-def beside(label: str, make: Callable[[], Planner] | None, context: Context) -> Values:
+def beside(label: str, peer: Planner | None, context: Context) -> Values:
     """Run a planner (None: ours alone) in turn with ours on every group."""
     default = ours()
-    peer = default if make is None else make()
     warm_up()
     out: dict[str, Value] = {}
     for group, scenes in groups(context.quick).items():
         jobs = [(scenes[0], seed) for seed in range(context.repeats(SEEDS, 3))]
         jobs = jobs if len(scenes) == 1 else [(scene, 0) for scene in scenes]
         mine, theirs = Score(), Score()
-        Score().add(peer, *jobs[0])  # what is made once is not timed
+        Score().add(peer or default, *jobs[0])  # what is made once is not timed
         for scene, seed in jobs:
             context.say(f"{label}: {scene.name}, seed {seed}")
             mine.add(default, scene, seed)
-            theirs.add(peer, scene, seed)
+            theirs.add(peer or default, scene, seed)
         name = f"planners, {group}/{label}"
         out |= theirs.values(name)
-        if make is not None:
+        if peer is not None:
             ratio = paired_ratio(mine.seconds, theirs.seconds)
             detail = {"ours [ms]": 1e3 * median(mine.seconds)}
             gone = Absent("it gave no trajectory")
@@ -151,14 +145,14 @@ def alone(context: Context) -> Values:
     return beside("optipromp", None, context)
 
 
-def _register(label: str, about: str, make: Callable[[], Planner]) -> None:
+def _register(label: str, about: str, peer: Planner) -> None:
     def run(context: Context) -> Values:
-        return beside(label, make, context)
+        return beside(label, peer, context)
 
     run.__doc__ = f"{label}: {about}."
-    name = "planner-" + label.lower().replace(",", "").replace(" ", "-")
+    name = "planner-" + label.lower().replace(" ", "-")
     SUITE.benchmark(name, metrics_of(label, about))(run)
 
 
-for _label, (_about, _make) in PEERS.items():
-    _register(_label, _about, _make)
+for _label, (_about, _peer) in PEERS.items():
+    _register(_label, _about, _peer)

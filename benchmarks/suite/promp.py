@@ -1,12 +1,21 @@
-"""Movement primitives: learning, conditioning, sampling, beside two other libraries."""
+"""Movement primitives: learning, conditioning, sampling, beside the library movement_primitives."""
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from benchmarks.registry import RATIO, SUITE, Absent, Context, Measured, Metric, Value, Values
+from benchmarks.registry import (
+    RATIO,
+    SUITE,
+    Context,
+    Measured,
+    Metric,
+    NotAvailableError,
+    Value,
+    Values,
+)
 from benchmarks.timing import in_turn, median, paired_ratio
 from optipromp.core.arrays import FloatArray
 from optipromp.core.promp import Basis, JointPoint, condition, fit
@@ -18,23 +27,21 @@ TARGETS = {"fit": 0.5, "condition on one point": 0.05}  # [ms]
 JOBS = (
     "fit", "condition on one point", "condition on five points", "sample 20", "mean trajectory",
 )  # fmt: skip
-PEERS = ("movement_primitives", "mp_pytorch")
-Jobs = dict[str, Callable[[], object] | Absent]
+FAMILY, PEER = "movement primitives", "movement_primitives"
+Jobs = dict[str, Callable[[], object]]
 
 
 def metrics() -> list[Metric]:
-    """Time of every job for every library, and ours by each peer's."""
+    """Time of every job for either library, and ours by the peer's."""
     about = {"fit": f"{DEMONSTRATIONS} demonstrations × {JOINTS} joints × {STEPS}, {BASES} bases"}
     out = [
-        Metric(f"movement primitives/optipromp/{job}", "ms", target=TARGETS.get(job),
+        Metric(f"{FAMILY}/optipromp/{job}", "ms", target=TARGETS.get(job),
                about=about.get(job, ""))
         for job in JOBS
     ]  # fmt: skip
-    for peer in PEERS:
-        out += [Metric(f"movement primitives/{peer}/{job}", "ms") for job in JOBS]
-        name = f"movement primitives/ours by {peer}"
-        out += [Metric(f"{name}/{job}", RATIO, tolerance=0.4) for job in JOBS]
-    return out
+    out += [Metric(f"{FAMILY}/{PEER}/{job}", "ms") for job in JOBS]
+    ratios = [Metric(f"{FAMILY}/ours by {PEER}/{job}", RATIO, tolerance=0.4) for job in JOBS]
+    return out + ratios
 
 
 def demonstrations() -> FloatArray:
@@ -90,77 +97,22 @@ def with_movement_primitives(data: FloatArray, y: FloatArray) -> Jobs:
     }
 
 
-def with_mp_pytorch(data: FloatArray, y: FloatArray) -> Jobs:
-    """The jobs with mp_pytorch, which leaves the spread of the weights to its user."""
-    torch = importlib.import_module("torch")
-    library = importlib.import_module("mp_pytorch.mp")
-    torch.set_num_threads(1)
-    promp = library.MPFactory.init_mp(
-        "promp", {"num_basis": BASES, "basis_bandwidth_factor": 2, "num_basis_outside": 0},
-        num_dof=JOINTS, tau=1.0, dtype=torch.float64,
-    )  # fmt: skip
-    times = torch.linspace(0.0, 1.0, STEPS, dtype=torch.float64)
-    many, motions = times.repeat(DEMONSTRATIONS, 1), torch.as_tensor(data)
-
-    def learn() -> tuple[Any, Any]:
-        weights = promp.learn_mp_params_from_trajs(many, motions)["params"]
-        spread = torch.cov(weights.T) + 1e-6 * torch.eye(weights.shape[1], dtype=torch.float64)
-        return weights.mean(dim=0), torch.linalg.cholesky(spread)
-
-    mean, factor = learn()
-
-    def sample() -> Any:
-        promp.update_inputs(times=times, params=mean, params_L=factor)
-        return promp.sample_trajectories(num_smp=20)
-
-    nothing = Absent("the library has no conditioning")
-    return {
-        "fit": learn,
-        "condition on one point": nothing,
-        "condition on five points": nothing,
-        "sample 20": sample,
-        "mean trajectory": lambda: promp.get_traj_pos(times=times, params=mean),
-    }
-
-
-MAKERS: Mapping[str, Callable[[FloatArray, FloatArray], Jobs]] = {
-    "movement_primitives": with_movement_primitives,
-    "mp_pytorch": with_mp_pytorch,
-}
-
-
 @SUITE.benchmark("movement-primitives", metrics(), timeout=600)
 def movement_primitives(context: Context) -> Values:
-    """Learning, conditioning and sampling, each library in turn."""
+    """Learning, conditioning and sampling, either library in turn."""
     data = demonstrations()
     y = data[:, STEPS // 2].mean(axis=0) + 0.1
-    own = ours(data, y)
-    out: dict[str, Value] = {}
-    for peer, make in MAKERS.items():
-        try:
-            theirs = make(data, y)
-        except ImportError as error:
-            theirs = dict.fromkeys(JOBS, Absent(f"not installed ({error})"))
-        for job in JOBS:
-            context.say(f"{peer}: {job}")
-            out |= _beside(peer, job, own[job], theirs[job], context)
-    return out
-
-
-def _beside(
-    peer: str, job: str, mine: Any, other: Callable[[], object] | Absent, context: Context
-) -> dict[str, Value]:
-    family = "movement primitives"
-    slow = peer == "movement_primitives" and job == "fit"
-    rounds = context.repeats(10 if slow else 60)
-    both = {"ours": mine} if isinstance(other, Absent) else {"ours": mine, "peer": other}
-    times = in_turn(both, rounds, WARM)
-    detail = {"minimum": 1e3 * min(times["ours"])}
-    out: dict[str, Value] = {
-        f"{family}/optipromp/{job}": Measured(1e3 * median(times["ours"]), detail)
-    }
-    if isinstance(other, Absent):
-        return out | {f"{family}/{peer}/{job}": other, f"{family}/ours by {peer}/{job}": other}
-    out[f"{family}/{peer}/{job}"] = 1e3 * median(times["peer"])
-    out[f"{family}/ours by {peer}/{job}"] = paired_ratio(times["ours"], times["peer"])
+    try:
+        theirs = with_movement_primitives(data, y)
+    except ImportError as error:
+        raise NotAvailableError(f"movement_primitives is not installed ({error})") from None
+    own, out = ours(data, y), dict[str, Value]()
+    for job in JOBS:
+        context.say(job)
+        rounds = context.repeats(10 if job == "fit" else 60)
+        times = in_turn({"ours": own[job], "peer": theirs[job]}, rounds, WARM)
+        detail = {"minimum": 1e3 * min(times["ours"])}
+        out[f"{FAMILY}/optipromp/{job}"] = Measured(1e3 * median(times["ours"]), detail)
+        out[f"{FAMILY}/{PEER}/{job}"] = 1e3 * median(times["peer"])
+        out[f"{FAMILY}/ours by {PEER}/{job}"] = paired_ratio(times["ours"], times["peer"])
     return out

@@ -8,7 +8,7 @@ from tests.franka.server import serving
 
 from optipromp import Plan
 from optipromp_loop.control.fr3 import foreseen, torques
-from optipromp_loop.control.franka import FRANKY_STIFFNESS
+from optipromp_loop.control.franka import STIFFNESS
 
 OLD = 0.003  # [s] two of a reference's period at 500 Hz, one of the arm's cycle
 
@@ -42,4 +42,4 @@ def lag(made: Plan) -> float:
     q, velocity, _ = curve.sample(times)
     needed = torques(made.robot, times, q, velocity, up)
     needed -= torques(made.robot, 1e3 * times, q, 0.0 * velocity, up)  # of gravity alone
-    return float((np.abs(needed / FRANKY_STIFFNESS) + OLD * np.abs(velocity)).max())
+    return float((np.abs(needed / STIFFNESS) + OLD * np.abs(velocity)).max())

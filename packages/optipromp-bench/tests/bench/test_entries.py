@@ -27,7 +27,7 @@ def curve(answer: object) -> Trajectory | None:
 
 @pytest.mark.parametrize("name", PLAN)
 def test_an_entry_answers_alike_each_time(name: str) -> None:
-    if name.startswith("rrt"):
+    if name == "rrt":
         pytest.importorskip("ompl")
     scene, _ = scene_of("cluster", 110_000)
     one, other = (curve(loaded(name, "plan").plan(scene, 3)) for _ in range(2))
@@ -37,7 +37,7 @@ def test_an_entry_answers_alike_each_time(name: str) -> None:
         assert against(one, scene) == ""
 
 
-@pytest.mark.parametrize("name", ["push-aside", "mppi", "episodic", "receding"])
+@pytest.mark.parametrize("name", ["push-aside", "mppi", "receding"])
 def test_an_entry_pushes_something_aside(name: str) -> None:
     """In a scene that the straight way does not solve, the path is off the straight line."""
     scene, _ = scene_of("cluster", 110_001)

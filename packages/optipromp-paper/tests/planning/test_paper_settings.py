@@ -21,13 +21,10 @@ JOINT: dict[str, Any] = {
     "drift_offset": 0.03,
     "corridor": 1e-4,
 }
-SEQUENTIAL: dict[str, Any] = {
-    "alphas": (1.0, 5.0, 1.0, 1.0),
+SEQUENTIAL = JOINT | {
     "epsilon": 0.05,
     "reduction": "sum",
     "push": "quadratic",
-    "push_weights": (1.0, 5.0, 1.0),
-    "drift_offset": 0.03,
     "corridor": 0.001,
     "trust_radii": (0.05,),
 }

@@ -43,6 +43,8 @@ def test_the_cup_goes_to_the_board_that_it_may_touch_and_the_punnet_goes_along(d
     assert executed.exit_code == 0, executed.stdout
     (touch,) = json.loads(executed.stdout)["static_contacts"]
     assert (touch["link"], touch["other"]) == ("tool", "board")
+    del document["may_touch"]
+    assert json.loads(planned(document, tmp_path).stdout)["status"] == "GOAL_IN_COLLISION"
 
 
 def test_more_padding_leads_the_arm_farther_away(document: dict[str, Any], tmp_path: Path) -> None:

@@ -29,19 +29,15 @@ CLASSIC: Mapping[str, Contender] = {
     name: Contender(f"benchmarks.entries.{module}:{kind}", text)
     for name, module, kind, text in (
         ("rrt", "classic", "Rrt", "RRT-Connect (OMPL); last link and tool may touch fruits"),
-        ("rrt-obstacles", "classic", "RrtObstacles", "the same with every fruit an obstacle"),
-        ("chomp-line", "classic", "ChompLine", "CHOMP from a straight line in joint space"),
         ("push-aside", "classic", "PushAside", "pushes from beside each fruit (Xiong 2019)"),
         ("receding", "sampling", "Receding", "receding-horizon pushes (Dogar) in our push model"),
         ("mppi", "sampling", "Mppi", "MPPI on our push model"),
-        ("episodic", "sampling", "Episodic", "episodic search of weights in our push model"),
     )
 }
 LEARNT: Mapping[str, Contender] = {
     name: Contender(f"benchmarks.entries.learnt:{kind}", text, track)
     for name, kind, text, track in (
         ("set", "SetNetwork", "a network's path from the scene, trained on our plans", "plan"),
-        ("set-checked", "SetChecked", "its proposals, one of which our push model takes", "plan"),
         ("clone", "Cloned", "behaviour cloning of our plans' steps", "policy"),
         ("act", "Act", "action chunks by a transformer, cloned from our plans' steps", "policy"),
     )

@@ -4,7 +4,6 @@ from optipromp.core.scenes.look import Look as Look
 from optipromp_loop.control.controller import Controller as Controller
 from optipromp_loop.control.controller import Decision as Decision
 from optipromp_loop.control.franka import Franky as Franky
-from optipromp_loop.control.franka import PandaPy as PandaPy
 from optipromp_loop.control.parameters import LoopParameters as LoopParameters
 from optipromp_loop.control.plant import without_fruits as without_fruits
 from optipromp_loop.control.stages import LoopStage as LoopStage

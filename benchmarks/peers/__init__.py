@@ -1,1 +1,0 @@
-"""Other planners, each called as its user would call it, on our scenes."""
