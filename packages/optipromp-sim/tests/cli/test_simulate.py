@@ -4,7 +4,7 @@ import json
 import shutil
 
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import invoke, told
 
 
 def test_a_scene_is_planned_for_executed_and_told(tmp_path):
@@ -20,15 +20,13 @@ def test_a_scene_is_planned_for_executed_and_told(tmp_path):
 
 def test_a_plans_folder_is_executed_as_it_is(reach, tmp_path):
     shutil.copytree(reach, tmp_path, dirs_exist_ok=True)
-    result = invoke("simulate", tmp_path, "--json")
-    document = json.loads(result.stdout)
-    assert (result.exit_code, document["success"]) == (0, True)
+    document = told("simulate", tmp_path)
+    assert document["success"] is True
     assert document["planner"] == "opti-promp"
     assert document["plan_status"] == "success"
     assert document["static_contacts"] == []
     assert json.loads((tmp_path / "outcome.json").read_text())["success"] == document["success"]
-    again = invoke("simulate", tmp_path / "plan.json", "--json", "--in", "scenario-3")
-    same = json.loads(again.stdout)
+    same = told("simulate", tmp_path / "plan.json", "--in", "scenario-3")
     for key in ("seconds", "real_time_factor"):
         del document[key], same[key]
     assert same == document
@@ -57,8 +55,8 @@ def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, argument
     assert words in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
     assert not list(tmp_path.iterdir())
-    told = invoke("simulate", *arguments, "--json").stdout
-    assert json.loads(told)["status"] == "INVALID_REQUEST"
+    document = told("simulate", *arguments, code=2)
+    assert document["status"] == "INVALID_REQUEST"
 
 
 def test_a_motion_to_a_free_goal_picks_nothing_and_says_so(tmp_path):

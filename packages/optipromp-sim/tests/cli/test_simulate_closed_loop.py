@@ -80,8 +80,8 @@ def test_a_loop_in_a_scene_with_a_place_brings_the_fruit_there(tmp_path):
 
 def test_the_options_of_the_loop_reach_it(tmp_path):
     """Looks that are late are waited for at the camera point."""
-    common = ["simulate", "scenario-3", "--closed-loop", "--json", "--out"]
-    document = json.loads(invoke(*common, tmp_path, "--latency", "1").stdout)
+    common = ("simulate", "scenario-3", "--closed-loop")
+    document = told(*common, "--out", tmp_path, "--latency", "1")
     times = [decision["time"] for decision in document["decisions"]]
     at = [item["why"] for item in document["decisions"]].index("at the camera point")
     assert times[at + 1] - times[at] > 1.0  # [s] the latency
