@@ -4,7 +4,7 @@ A detector gives fruits with a covariance each, in the frame of a camera under t
 plan leaves as a JointTrajectory at 1 kHz, with velocities and accelerations, and is read back and
 judged.
 
-    python examples/06_detections_to_controller.py    (needs the extra ros)
+    python examples/06_detections_to_controller.py    (needs the package optipromp-ros)
 """
 
 import tempfile

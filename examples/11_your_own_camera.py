@@ -9,7 +9,7 @@ camera photographs the simulation. In its place put your camera's callback and t
     watcher = Watcher(camera, executor=ProcessPoolExecutor(1))
     pipeline.on_frames(lambda rgb, depth, time: watcher(rgb, depth, time))
 
-    python examples/11_your_own_camera.py    (needs the extras sim and vision)
+    python examples/11_your_own_camera.py    (needs the packages optipromp-eyes and -sim)
 """
 
 from optipromp_eyes import Watcher

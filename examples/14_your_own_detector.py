@@ -4,7 +4,7 @@ RF-DETR, YOLO and others write what they find as COCO: a bbox, a score, and a se
 polygons or run lengths. Here the file holds the true masks of a rendered picture; put yours in its
 place, and your picture by `load_picture`. `optipromp see DIR --boxes FILE` does the same.
 
-    python examples/14_your_own_detector.py    (needs the extras sim and vision)
+    python examples/14_your_own_detector.py    (needs the packages optipromp-eyes and -sim)
 """
 
 import json

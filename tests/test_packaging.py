@@ -71,6 +71,17 @@ def test_a_socket_has_the_name_that_lerobot_looks_for(file: Path) -> None:
     assert (file.parents[2] / "src" / f"{line.replace('.', '/')}.py").is_file()
 
 
+def test_extras_that_are_named_exist() -> None:
+    """Helps and examples told to install `sim`, `vision` and `calibrate`, which were none."""
+    extras = {each for project in PROJECTS.values() for each in project["optional-dependencies"]}
+    said = r"\bextras? [`'\"\[]+([\w-]+)|the extras? ([\w-]+)(?:[.,)]| and)"
+    of = ("README.md", "docs/*.md", "examples/*.py", "packages/*/*.md", "packages/*/src/**/*.py")
+    pages = {file: file.read_text("utf-8") for each in of for file in ROOT.glob(each)}
+    named = {"".join(told): file for file, page in pages.items() for told in re.findall(said, page)}
+    assert {"film", "mesh", "view"} <= named.keys()
+    assert {extra: file for extra, file in named.items() if extra not in extras} == {}
+
+
 def test_the_recipe_needs_what_the_package_needs() -> None:
     run = text("conda/meta.yaml").partition("  run:\n")[2].partition("\n\n")[0]
     wanted = {

@@ -1,5 +1,6 @@
 """A detector of your own as a finder: masks or boxes in, regions out."""
 
+import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -12,18 +13,18 @@ import numpy as np
 from scipy.ndimage import label
 
 from optipromp.core.arrays import BoolArray, FloatArray
-from optipromp.core.errors import InvalidRequestError
+from optipromp.core.errors import InvalidRequestError, short
 from optipromp_eyes.finder import RIGHT, Class, Found, Region
 from optipromp_eyes.geometry import ByGeometry
 from optipromp_eyes.needed import needed
 from optipromp_eyes.network import ByNetwork
 from optipromp_eyes.parameters import EyeParameters
-from optipromp_eyes.pictures import ENDS, MOST_PIXELS, DepthPicture, Image8
+from optipromp_eyes.pictures import MOST_PIXELS, DepthPicture, Image8
 
 KNOWN: Mapping[str, Class] = {kind: kind for kind in get_args(Class)}
 BAND = 0.03  # [m] least depth about the middle of a box that is its fruit: as of strawberries
 THIN = 0.01  # [m] the same about the nearest fifth of a stem's box: a choice
-CORE = 0.3  # share of a box's width and height, about its middle, that tells its depth: a choice
+CORE = 0.6  # share of a box's sides, about its middle, that tells its depth; of 0.3, half was stem
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,20 +117,23 @@ def _pixels(each: Detected, picture: DepthPicture) -> BoolArray:
 
 def picture_name(name: str) -> str:
     """The name of a picture by that of its file."""
-    return Path(name).name.removesuffix(ENDS[0]).removesuffix(".png")
+    return re.sub(r"(?i)(\.rgb)?\.(png|jpe?g|tiff?|bmp|ppm)$", "", Path(name).name)
 
 
 def of_coco(document: Any, source: str) -> dict[str, list[Detected]]:
-    """What a detector found, by the names of pictures: of COCO, whose ``annotations`` have
+    """What a detector found, by the names of all pictures: of COCO, whose ``annotations`` have
     a ``bbox``, and where known ``segmentation`` (polygons or run lengths), ``score`` and ``ripe``.
 
     Raises:
-        InvalidRequestError: a document that is no COCO, a mask of another size than its picture.
+        InvalidRequestError: a document that is no COCO, a mask of another size than its picture,
+            classes of which none is known.
     """
     try:
         images = {one["id"]: one for one in document["images"]}
         kinds = {one["id"]: str(one["name"]) for one in document["categories"]}
-        out: dict[str, list[Detected]] = {}
+        out: dict[str, list[Detected]] = {
+            picture_name(image["file_name"]): [] for image in images.values()
+        }
         for each in document["annotations"]:
             image = images[each["image_id"]]
             left, top, wide, high = (float(number) for number in each["bbox"])
@@ -138,13 +142,18 @@ def of_coco(document: Any, source: str) -> dict[str, list[Detected]]:
                 (left, top, left + wide, top + high), _mask(each.get("segmentation"), image),
                 None if each.get("ripe") is None else float(each["ripe"]),
             )  # fmt: skip
-            out.setdefault(picture_name(image["file_name"]), []).append(one)
-        return out
+            out[picture_name(image["file_name"])].append(one)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InvalidRequestError(
             f"{source}: must be COCO (images, categories, annotations with bbox; segmentation as "
             f"polygons or uncompressed run lengths) ({error!r:.200})"
         ) from None
+    found = sorted({each.kind for things in out.values() for each in things})
+    if found and not KNOWN.keys() & found:
+        raise InvalidRequestError(
+            f"{source}: the classes are {short(found)}; rename its categories: {', '.join(KNOWN)}"
+        )
+    return out
 
 
 def _mask(told: Any, image: Mapping[str, Any]) -> BoolArray | None:

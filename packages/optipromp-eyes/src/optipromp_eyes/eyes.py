@@ -85,7 +85,10 @@ def look_at(
     register = register_of(picture, p)
     finder = finder or usual_finder(p)
     by_colour = isinstance(finder, ByGeometry)
-    found, doubted = judged(picture, finder.find(picture), p, by_colour)
+    found = finder.find(picture)
+    if not found.stems:  # of a detector that knows fruits alone: by their colour
+        found = replace(found, regions=(*found.regions, *ByGeometry(p).find(picture).stems))
+    found, doubted = judged(picture, found, p, by_colour)
     turn = picture.camera.pose.rotation
     upward = turn.T @ (np.array([0.0, 0.0, 1.0]) if up is None else np.asarray(up))
     good, left_out = _measured(picture, found, upward, p)
@@ -396,8 +399,9 @@ def seen_scene(
 
 
 def doubt_of(
-    picture: DepthPicture, *, up: FloatArray | None = None, finder: Finder | None = None
-) -> str:
+    picture: DepthPicture, *, up: FloatArray | None = None, finder: Finder | None = None,
+    parameters: EyeParameters | None = None,
+) -> str:  # fmt: skip
     """What may be wrong with a picture in which no ripe fruit is seen; empty: nothing is known.
 
     Depths in other units are tried, and red and blue exchanged: whether ripe fruits are seen so, in
@@ -406,25 +410,20 @@ def doubt_of(
     known = picture.depth[picture.depth > 0.0]
     if not known.size:
         return "the depth is 0 at every pixel: nothing was measured"
-    for factor in WRONG_UNITS:
-        nearest, farthest = factor * known.min(), factor * known.max()
-        if nearest > WORKSPACE or farthest < CLOSEST:
-            continue
-        other = DepthPicture(picture.rgb, factor * picture.depth, picture.camera)
-        seen = look_at(other, up=up, finder=finder).detections
-        if ripe := sum(each.item.role == "target" for each in seen):
-            return (
-                f"depths are {np.median(known):.3g} m in the middle; with {factor:g} times these, "
-                f"{ripe} ripe are seen: compare the unit of depth and the camera's depth_scale"
-            )
-    turned = replace(picture, rgb=np.ascontiguousarray(picture.rgb[:, :, ::-1]))
-    seen = look_at(turned, up=up, finder=finder).detections
-    if any(each.item.role == "target" and each.stem is not None for each in seen):
-        ripe = sum(each.item.role == "target" for each in seen)
-        return (
-            f"with red and blue exchanged, {ripe} ripe are seen: are the colours in the order BGR? "
-            "must be RGB"
-        )
+    middle = f"depths are {np.median(known):.3g} m in the middle"
+    tried = {
+        f"{middle}; with {factor:g} times these, {{}} ripe are seen: compare the unit of depth and "
+        "the camera's depth_scale": replace(picture, depth=factor * picture.depth)
+        for factor in WRONG_UNITS
+        if factor * known.min() <= WORKSPACE and factor * known.max() >= CLOSEST
+    }
+    bgr = "with red and blue exchanged, {} ripe are seen: are the colours in the order BGR?"
+    tried[f"{bgr} must be RGB"] = replace(picture, rgb=picture.rgb[:, :, ::-1].copy())
+    for words, other in tried.items():
+        seen = look_at(other, up=up, finder=finder, parameters=parameters).detections
+        ripe = [each.stem for each in seen if each.item.role == "target"]
+        if any(stem or not words.startswith(bgr) for stem in ripe):
+            return words.format(len(ripe))
     return ""
 
 

@@ -1,5 +1,6 @@
 """Detectors of one's own, and the network: regions of what they say, fruits of what they see."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,9 @@ def test_a_box_is_cut_by_depth() -> None:
     ball = shown.depth < 0.6
     assert (cut(shown, (55, 35, 106, 86)) == ball).all()
     assert not cut(shown, (-20, -20, -5, -5)).any()
+    rod = np.abs(np.indices(ball.shape)[1] - 80) < 8  # before the middle of the ball
+    crossed = replace(shown, depth=np.where(rod, 0.44, shown.depth))
+    assert (ball & ~rod & cut(crossed, (55, 35, 106, 86))).sum() > 0.3 * ball.sum()
     right = ball & (np.indices(ball.shape)[1] >= 78)
     assert (cut(shown, (78, 35, 104, 86)) == right).all()
 

@@ -59,6 +59,20 @@ def test_a_detector_that_ran_elsewhere_sees_by_its_file(pictures: Path, tmp_path
     assert {fruit["score"] for fruit in record["fruits"]} == {0.5, 0.9}
     assert all(0.5 < fruit["fit"] <= 1.0 for fruit in record["fruits"])
     assert "--boxes goes without --finder" in refused(*words, "--finder", "geometry")
+    kinds = [k["id"] for k in document["categories"] if k["name"] in ("ripe", "unripe")]
+    fruits = [each for each in document["annotations"] if each["category_id"] in kinds]
+    document["annotations"] = [{**each, "segmentation": None, "score": 0.9} for each in fruits]
+    document["images"][0]["file_name"] = f"frames/cluster-{SEED}.JPG"
+    (tmp_path / "found.json").write_text(json.dumps(document))
+    (record,) = told(*words)["pictures"]
+    assert any(fruit["stem_seen"] for fruit in record["fruits"])  # by its colour
+    for key, field, message in (
+        ("images", "file_name", f"has no image 'cluster-{SEED}', but ['kumquat']"),
+        ("categories", "name", "the classes are ['kumquat']; rename its categories: ripe, unripe"),
+    ):
+        other = {**document, key: [{**each, field: "kumquat"} for each in document[key]]}
+        (tmp_path / "found.json").write_text(json.dumps(other))
+        assert message in told(*words, code=2)["message"]
 
 
 def test_what_is_seen_is_of_the_crop_that_is_named(pictures: Path, tmp_path: Path) -> None:

@@ -174,7 +174,8 @@ def read_trajectory(
         if found:
             there = ", ".join(sorted({item.topic for item in chosen}))
             raise InvalidRequestError(
-                f"{path} has {len(found)} trajectories of type {name} on {there}: must have one"
+                f"{path} has {len(found)} trajectories of type {name} on {there}: must have one "
+                "(of a pick, its folder is judged with all legs)"
             )
     raise InvalidRequestError(
         f"{path} has no trajectory: must have a message of type {' or '.join(TRAJECTORIES)}"

@@ -1,6 +1,7 @@
 """Crops through the command line: scenes, runs and studies of them."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,10 @@ def test_generate_draws_the_fruits_of_a_crop(tmp_path: Path) -> None:
     for record in made["scenes"]:
         name = Path(record["file"]).name
         assert (tmp_path / name).read_text() == (tmp_path / "again" / name).read_text()
+    save_crop(replace(crop, name="mine"), tmp_path / "mine.yaml")
+    told = run("check", tmp_path / "mine.yaml")
+    assert (told["kind"], told["name"], told["width"]) == ("crop", "mine", "0.06 m")
+    assert set(told["guesses"]) == set(crop.guesses)
     refused = run("generate", "--preset", "shelf", "--crop", "apple", "--out", tmp_path, code=2)
     assert "takes no crop" in refused["message"]
 

@@ -47,6 +47,16 @@ def test_a_plan_is_valid_in_each_of_its_forms(reach, good, tmp_path):
         assert document["status"] == "success"
         assert document["violations"] == []
         assert document["metrics"]["duration"] == pytest.approx(good.duration)
+    for text, row in zip(
+        read_trajectory(reach / "trajectory.csv", good.joint_names).rows(),
+        read_trajectory(reach / "trajectory.npz", good.joint_names).rows(), strict=True,
+    ):  # fmt: skip
+        np.testing.assert_allclose(text, row, rtol=1e-14, atol=1e-300)  # of ten digits jerks err
+    leaning = load_scene("scenario-3")
+    leaning = replace(leaning, approach=replace(leaning.approach, direction=[0.4, 0.0, 0.9]))
+    save_scene(leaning, tmp_path / "leaning.yaml")
+    words = "validate", str(reach / "trajectory.csv"), "--scene", str(tmp_path / "leaning.yaml")
+    assert "a plan that leans chose another: validate its folder" in call(*words)[2]
     code, stdout, _ = call("validate", str(reach))  # its own scene
     assert code == 0
     assert "success" in stdout

@@ -319,7 +319,8 @@ CHAIN = """<mujoco model="chain"><compiler angle="radian"/><worldbody>
 @pytest.mark.parametrize("mocap", ['mocap="true"', ""], ids=["mocap", "still"])
 def test_marks_that_touch_nothing_are_no_obstacles(tmp_path: Path, mocap: str) -> None:
     path = tmp_path / "chain.xml"
-    path.write_text(CHAIN.format(mocap=mocap, more=""))
+    chain = CHAIN.format(mocap=mocap, more="")
+    path.write_text(chain.replace('name="base"', f'name="base" {mocap}'))  # which carries the arm
     for _ in range(2):  # as two runs, the second of which could read the robot from the cache
         reading._held.clear()
         with pytest.warns(UserWarning, match="mark: left out, as it touches nothing"):

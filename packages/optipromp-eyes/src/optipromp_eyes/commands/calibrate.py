@@ -71,7 +71,7 @@ def calibrate(
     on the hand, or at the tool itself. Take 10 to 20 pictures, tilt the hand by 15 to 30 degrees to
     all sides between them, and turn it. Reported: what each view leaves, the standard deviation of
     the camera's place, and how far it moves when one view is left out. Views that leave 5 times the
-    pixels that the board leaves by itself are named. Needs the extra 'calibrate'.
+    pixels that the board leaves by itself are named.
 
     Examples:
         optipromp calibrate shots --poses shots/poses.yaml --known row.yaml --camera d435.json \\

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import optipromp
 from optipromp.cli.command import FAILED, OK, Report, command
-from optipromp.core.errors import Code, InvalidRequestError
+from optipromp.core.errors import Code, InvalidRequestError, short
 from optipromp.core.files import check_folder, is_file, is_folder, npz, write_atomically
 from optipromp.parts import part
 
 if TYPE_CHECKING:
     from optipromp.core.scenes.crops import Crop
     from optipromp.core.scenes.scene import Scene, SceneObject
-    from optipromp_eyes.detector import Detected
     from optipromp_eyes.eyes import Sighting
     from optipromp_eyes.parameters import EyeParameters
     from optipromp_eyes.pictures import DepthPicture
@@ -75,8 +74,8 @@ def see(
     Args:
         folder (DIR): Pictures as 'render' leaves them; else --rgb.
         out (FILE.yaml|DIR): The scene; of a folder, all scenes.
-        rgb: A picture: PNG.
-        depth: Its depth: 16-bit PNG, or NPZ with 'depth' in metres.
+        rgb: A picture: PNG, JPEG, TIFF, BMP or PPM.
+        depth: Its depth: 16-bit PNG or TIFF, NPZ with 'depth' in metres, TIFF or NPY.
         camera: Its camera: JSON or YAML with width, height, fx, fy, cx, cy, position and
             orientation in the robot's base, depth_scale; or what 'calibrate' wrote.
         known (SCENE): Whose robot, tool, start, approach and static objects are known; its fruits
@@ -102,15 +101,19 @@ def see(
             list of picture, kind, and box (left, top, right, bottom) or at (column, row). What is
             not seen is of --crop, by default strawberry.
     """
+    from optipromp.core.documents import read_document
     from optipromp.core.output import OVERLAY
     from optipromp.core.scenes.crops import load_crop
-    from optipromp_eyes.detector import ByDetector, finder_named, picture_name
+    from optipromp_eyes.detector import ByDetector, finder_named, of_coco
     from optipromp_eyes.eyes import overlay
     from optipromp_eyes.parameters import EyeParameters, eyes_of
     from optipromp_eyes.pictures import png_file
 
     made = {EyeParameters(): finder_named(finder, model)}  # refused before anything is read
-    things = None if boxes is None else _detected(boxes, finder or model or bag)
+    if boxes is not None and (finder or model or bag):
+        raise InvalidRequestError("--boxes goes without --finder, --model and --bag")
+    marked = None if boxes is None else read_document(boxes, InvalidRequestError, "COCO")
+    things = None if marked is None else of_coco(marked, str(boxes))
     grown = None if crop is None else load_crop(crop)
     asked: Iterator[_Asked] | list[_Asked]
     if bag is not None:
@@ -137,11 +140,17 @@ def see(
             made[p] = finder_named(finder, model, p)
         eye = made[p]
         if things is not None:
-            eye = ByDetector.of(things.get(picture_name(each.name), ()), _step(each, picture))
+            if each.name not in things:
+                raise InvalidRequestError(
+                    f"{boxes}: has no image {each.name!r}, but {short(sorted(things))}"
+                )
+            eye = ByDetector.of(things[each.name], _step(each, picture))
         sight = look_at(picture, up=scene.up, finder=eye, parameters=p)
         took = time.perf_counter() - began
         record, told = _answer(sight, scene, each, took, p)
-        if record["scene"] is None and (doubt := doubt_of(picture, up=scene.up, finder=eye)):
+        if record["scene"] is None and (
+            doubt := doubt_of(picture, up=scene.up, finder=eye, parameters=p)
+        ):
             record["message"] += f"; {doubt}"
             told = [f"{told[0]}; {doubt}", *told[1:]]
         drawn = each.out.with_suffix(OVERLAY)
@@ -157,15 +166,6 @@ def see(
     return Report(document, lines, OK if seen else FAILED)
 
 
-def _detected(boxes: Path, other: object) -> "dict[str, list[Detected]]":
-    from optipromp.core.documents import read_document
-    from optipromp_eyes.detector import of_coco
-
-    if other is not None:
-        raise InvalidRequestError("--boxes goes without --finder, --model and --bag")
-    return of_coco(read_document(boxes, InvalidRequestError, "COCO"), str(boxes))
-
-
 def _step(asked: _Asked, picture: "DepthPicture") -> int:
     """Of how many rows and columns of a picture's file one is looked at."""
     from optipromp_eyes.pictures import load_camera
@@ -177,16 +177,14 @@ def _step(asked: _Asked, picture: "DepthPicture") -> int:
 def _taught(asked: Iterable[_Asked], teach: str, like: "Crop", out: Path | None) -> Report:
     """Write the crop whose fruits are marked, on a page or in a file."""
     from optipromp.core.scenes.crops import save_crop
-    from optipromp_eyes.detector import picture_name
     from optipromp_eyes.teaching import Mark, read_marks, taught
 
     if out is None or out.suffix not in (".yaml", ".yml", ".json"):
         raise InvalidRequestError("--teach writes a crop: give --out FILE.yaml")
     pictures, steps = dict[str, "DepthPicture"](), dict[str, int]()
     for each in asked:
-        name = picture_name(each.name)
         picture = _load(each, optipromp.load_scene(each.known or "scenario-3"))
-        pictures[name], steps[name] = picture, _step(each, picture)
+        pictures[each.name], steps[each.name] = picture, _step(each, picture)
 
     def learn(marks: "Sequence[Mark]") -> tuple["Crop", tuple[str, ...]]:
         return taught(out.stem, like, pictures, marks)
@@ -278,6 +276,7 @@ def _asked(
     folder: Path | None, rgb: Path | None, depth: Path | None, camera: Path | None,
     known: str | None, out: Path | None,
 ) -> list[_Asked]:  # fmt: skip
+    from optipromp_eyes.detector import picture_name
     from optipromp_eyes.pictures import ENDS
 
     single = {"--rgb": rgb, "--depth": depth, "--camera": camera}
@@ -290,7 +289,7 @@ def _asked(
         path = out or files[0].with_suffix(".yaml")
         if path.suffix not in (".yaml", ".yml", ".json"):
             raise InvalidRequestError(f"--out is {str(path)!r}: its name must end in .yaml")
-        return [_Asked(files[0].stem, files, known, path)]
+        return [_Asked(picture_name(files[0].name), files, known, path)]
     if depth is not None or camera is not None:
         raise InvalidRequestError("--depth and --camera go with --rgb, not with a folder")
     if not is_folder(folder):

@@ -52,7 +52,7 @@ def ros_node(
     Listens to planning_scene, collision_object and joint_states. Offers the service
     optipromp/plan, and publishes optipromp/joint_trajectory, display_planned_path and
     optipromp/status.
-    Needs ROS 2 (rclpy, moveit_msgs, control_msgs) and the extra ros.
+    Needs ROS 2 (rclpy, moveit_msgs, control_msgs).
 
     With --loop it picks in closed loop: it listens to optipromp/detections (vision_msgs), or to a
     camera's --pictures, in which it finds fruits and stems itself, to

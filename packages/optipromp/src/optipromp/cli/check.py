@@ -38,6 +38,7 @@ class Kind(StrEnum):
     DEMONSTRATIONS = "demonstrations"
     PRIMITIVE = "primitive"
     PLAN = "plan"
+    CROP = "crop"
 
 
 def kind_of(item: str) -> Kind:
@@ -88,6 +89,7 @@ def scene_or_plan(item: str, taker: str) -> "Scene | Plan | Picked":
 
 def _inside(path: Path) -> Kind:
     from optipromp.core.documents import read_document
+    from optipromp.core.scenes.crops import CROP_KEYS
 
     try:
         content = read_document(path, InvalidSceneError, "a scene")
@@ -97,12 +99,14 @@ def _inside(path: Path) -> Kind:
         return Kind.SCENE
     if content.keys() >= _PLAN_KEYS:
         return Kind.PLAN
-    return Kind.SCENE if _SCENE_KEYS & content.keys() else Kind.ROBOT
+    if _SCENE_KEYS & content.keys():
+        return Kind.SCENE
+    return Kind.CROP if (CROP_KEYS - {"format", "name"}) & content.keys() else Kind.ROBOT
 
 
 @command()
 def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
-    """Check a scene, robot, demonstrations or plan, and say what it holds.
+    """Check a scene, robot, crop, demonstrations or plan, and say what it holds.
 
     The kind is found from the file; a primitive that learn wrote is a kind too.
     What is wrong is one line: the code, the file, the field.
@@ -115,7 +119,7 @@ def check(item: str, /, out: Path | None = None, *, arm: ArmOptions) -> Report:
         optipromp check recordings/
 
     Args:
-        item (ITEM): A scene, a robot or demonstrations: a path or a built-in name.
+        item (ITEM): A scene or a robot, by a path or a built-in name; or another file or folder.
         out (DIR): Leave pictures there: workspace.png, where the tool gets from the base; of a
             robot cover.png, its body spheres; of a scene scene.png, and scene.html to turn (extra
             'view').
@@ -332,8 +336,17 @@ def _plan(item: str) -> dict[str, Any]:
     }
 
 
+def _crop(item: str) -> dict[str, Any]:
+    from optipromp.core.scenes.crops import ROWS, load_crop
+
+    crop = load_crop(item)
+    rows = {name: f"{crop[name]:.4g} {ROWS[name][0]}".removesuffix(" 1") for name in crop.rows}
+    return {"name": crop.name, **rows, "eyes": dict(crop.eyes), "guesses": list(crop.guesses)}
+
+
 _SUMMARIES = {
     Kind.SCENE: _scene,
+    Kind.CROP: _crop,
     Kind.DEMONSTRATIONS: _demonstrations,
     Kind.PRIMITIVE: _primitive,
     Kind.PLAN: _plan,
@@ -397,6 +410,9 @@ def validate(
             curve = read(trajectory, robot)
             risk = optipromp.PlanOptions.risk if risk is None else risk
             legs = {"": (optipromp.judge(loaded, curve, risk=risk), curve)}
+            if any(one.kind in ("goal", "axis") for one in legs[""][0].judgement.violations):
+                told = "its scene's approach; a plan that leans chose another: validate its folder"
+                warnings.warn(f"{trajectory} is judged by {told}", stacklevel=1)
         decides = deciding({name: one for name, (one, _) in legs.items()}).values()
         found = max(decides, key=lambda one: exit_code(one.status))
     slow = max(found.judgement.metrics.velocity_ratio, 1e-12)

@@ -8,7 +8,7 @@ import textwrap
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass
-from functools import wraps
+from functools import cache, wraps
 from typing import Annotated, Any, get_origin, get_type_hints
 
 import typer
@@ -114,7 +114,8 @@ def command(
             try:
                 with warnings.catch_warnings():
                     warnings.simplefilter("default", UserWarning)
-                    warnings.showwarning = show_warning
+                    tell = cache(show_warning)  # the same words once a command
+                    warnings.showwarning = lambda message, *_, **__: tell(str(message))
                     report = function(*first, **arguments)
                     if report is not None:
                         report.print(as_json)

@@ -325,7 +325,7 @@ def csv(trajectory: Trajectory) -> bytes:
     """
     header = ["time", *(name + kind for kind in KINDS for name in trajectory.joint_names)]
     table = np.column_stack([trajectory.times, *trajectory.rows()])
-    form = ",".join(["%.10g"] * table.shape[1])
+    form = ",".join(["%.15g"] * table.shape[1])
     lines = (form % tuple(row) for row in table.tolist())
     return "\n".join([",".join(header), *lines, ""]).encode()
 

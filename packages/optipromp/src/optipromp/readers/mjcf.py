@@ -181,18 +181,19 @@ class _Reader:
     def _marks(self) -> set[int]:
         """Bodies that touch nothing and do not belong to the arm; a warning names them.
 
-        They are ``mocap`` bodies, and those that never move and carry no joint, all of whose geoms
-        have neither ``contype`` nor ``conaffinity``.
+        They carry no joint, and are ``mocap`` bodies (one with joints is the base of an arm) or
+        never move; all geoms of the latter have neither ``contype`` nor ``conaffinity``.
         """
         model = self.model
         touching = (model.geom_contype != 0) | (model.geom_conaffinity != 0)
-        parts = [*model.jnt_bodyid, *model.geom_bodyid[touching]]
-        bearing = {body for part in parts for body in self._upward(int(part))}
+        led = {body for part in model.jnt_bodyid for body in self._upward(int(part))}
+        bearing = led.union(*(self._upward(int(part)) for part in model.geom_bodyid[touching]))
         fixed = (model.body_weldid == 0) & (model.body_geomnum > 0)
         found = {
             body
             for body in range(1, model.nbody)
-            if model.body_mocapid[body] >= 0 or (fixed[body] and body not in bearing)
+            if (model.body_mocapid[body] >= 0 and body not in led)
+            or (fixed[body] and body not in bearing)
         }
         if found:
             names = ", ".join(self.names[body] for body in sorted(found))

@@ -72,9 +72,10 @@ def read_description(path: Path, choice: Choice, check: Check) -> Robot:
     stamps = _stamps(path, found)
     robot = _resolved(found, path, choice)
     if found.entry.acceleration is None:
-        told = f"{path} states no limits of acceleration: {TURN:g} rad/s² and {SLIDE:g} m/s² are"
-        told += f" assumed, and {GROWTH:g} times as much jerk in a second; a robot file may state"
-        warnings.warn(f"{told} others (acceleration: [...]), or 'acceleration: none'", stacklevel=2)
+        told = f"{path.name} states no limits of acceleration: {TURN:g} rad/s² and {SLIDE:g} m/s²"
+        told += f" are assumed, and {GROWTH:g} times as much jerk in a second; a robot file may"
+        told += " state others (acceleration: [...]), or 'acceleration: none'"
+        warnings.warn(told, stacklevel=2)
     for words in robot.told:
         warnings.warn(f"{found.urdf}{words}", stacklevel=2)
     if found.files is not None:
