@@ -14,6 +14,7 @@ import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ import numpy as np
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry import Sphere, distances
 from optipromp.core.geometry.obstacles import pack
-from optipromp.core.scenes.scene import SceneObject
+from optipromp.core.scenes.scene import Role, SceneObject
 from optipromp_bench.experiments.eyes import LEAST_PIXELS, LEAST_SHARE, Paired, paired
 from optipromp_bench.experiments.statistics import Table, share
 from optipromp_eyes.detector import finder_named
@@ -110,9 +111,7 @@ REACH = 0.05  # [m] along a stem, to which its true direction is taken: a choice
 def in_garden(seed: int, finder: Finder | None = None) -> SeenPicture:
     """What is seen in a picture of the second renderer against its truth; see garden.py."""
     sys.path.insert(0, str(Path(__file__).parents[1]))
-    from garden import drawn
-
-    held = drawn(seed, native=True)
+    held = import_module("garden").drawn(seed, native=True)
     truth = json.loads(str(held["truth"]))
     height, width = held["depth"].shape
     focal = truth["focal"]
@@ -132,7 +131,7 @@ def in_garden(seed: int, finder: Finder | None = None) -> SeenPicture:
         visible = visible and center[2] >= NEAREST
         along = np.linalg.norm(line - line[0], axis=1)
         way = line[int(np.argmin(np.abs(along - REACH)))] - center
-        role = "target" if each["kind"] == "ripe" else "pushable"
+        role: Role = "target" if each["kind"] == "ripe" else "pushable"
         item = SceneObject("fruit", role, Sphere(each["radius"]), center)
         wide = 2.0 * each["thick"] * (focal / center[2]) ** 2  # [pixel] of a metre of stem
         shows = each["stem_pixels"] >= max(LEAST_LENGTH * wide, 0.5 * LEAST_STEM)
@@ -227,7 +226,7 @@ class Sees:
         """A table for each study, a line for each kind of picture and finder."""
         out = []
         for rows in parts.values():
-            groups: dict[tuple[str, ...], list[Mapping[str, Any]]] = {}
+            groups: dict[tuple[str, str, str, str], list[Mapping[str, Any]]] = {}
             for row in rows:
                 for finder, seen in row["seen"].items():
                     key = row["preset"], row["mount"], row["looks"], finder

@@ -19,7 +19,8 @@ from optipromp.core.optimization.costs.joints import SmoothnessCost
 from optipromp.core.optimization.costs.obstacles import ObstacleCost
 from optipromp.core.optimization.gauss_newton import Result
 from optipromp.core.optimization.problem import ANCHOR, Problem
-from optipromp.core.planning.planners import WAY, ConditionedProMP, OptiProMP
+from optipromp.core.planning.conditioned import ConditionedProMP
+from optipromp.core.planning.planners import WAY, OptiProMP
 from optipromp.core.planning.result import Answer, Failed, Planned, Proposal
 from optipromp.core.planning.task import Task, changed
 from optipromp.core.pushing.path import ToolPath

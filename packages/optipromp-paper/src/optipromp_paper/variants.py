@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from optipromp.core.planning.planners import IProMP, OptiProMP
+from optipromp.core.planning import IProMP, OptiProMP
 from optipromp.core.pushing.rules import DriftRule
 
 

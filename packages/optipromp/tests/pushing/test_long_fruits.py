@@ -21,7 +21,7 @@ from optipromp.core.geometry import (
     Sphere,
 )
 from optipromp.core.geometry.obstacles import pack
-from optipromp.core.geometry.shapes import Primitive
+from optipromp.core.geometry.shapes import Primitive, outlines
 from optipromp.core.planning import plan
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.pushing.stems import swinging
@@ -237,7 +237,7 @@ def fitting(target: SceneObject, opening: float, height: float = 0.1) -> Hanging
 @settings(max_examples=15, deadline=None)
 def test_the_harm_rises_as_the_opening_narrows(degrees: float, shape: Shape) -> None:
     target = leaning(degrees, shape)
-    wide = float(shape.outlines(UP[None] @ target.rotation)[0][0])
+    wide = float(outlines(shape, UP[None] @ target.rotation)[0][0])
     points = along((0, 0, -0.2), (0, 0, 0))
     axes = np.tile(UP, (len(points), 1))
     mean, harm = [], []

@@ -65,14 +65,13 @@ def test_neighbours_are_before_the_target_near_the_line_first_met_first(approach
     assert [n.id for n in found] == ["low", "tie-near", "tie-far", "high"]
 
 
-def test_the_limits_of_the_search_are_inclusive_and_settable() -> None:
+def test_the_limits_of_the_search_are_inclusive() -> None:
     beside = scene(fruit("n", (0.0, 0.0749, -0.1)))
     assert [n.id for n in neighbours(beside, R)] == ["n"]  # D_plane = 1.5 · 0.05
     assert neighbours(beside, 0.0499) == ()
-    assert neighbours(beside, R, plane_factor=1.4) == ()
-    below = scene(fruit("n", (0.0, 0.0, -0.3)))
-    assert neighbours(below, R) == ()
-    assert [n.id for n in neighbours(below, R, search_radius=0.31)] == ["n"]
+    for depth in (0.199, 0.201):
+        below = neighbours(scene(fruit("n", (0.0, 0.0, -depth))), R)
+        assert len(below) == (depth < RULE.search_radius)
 
 
 def test_what_was_detected_may_hang_nearer_than_it_was_seen() -> None:

@@ -119,13 +119,6 @@ def test_a_free_axis_is_free(robots: dict[str, Robot]) -> None:
     assert np.ptp(axes @ axes[0]) > 0.5
 
 
-def test_a_margin_to_the_limits_is_kept(robots: dict[str, Robot]) -> None:
-    robot = robots["panda"]
-    found = ik.solve(robot, np.array([0.45, 0.0, 0.8]), UP, limit_margin=0.3)
-    assert len(found) > 0
-    assert found.margin.min() >= 0.3 - 1e-12
-
-
 def test_a_given_start_leads_to_the_nearest_branch(robots: dict[str, Robot]) -> None:
     robot = robots["panda"]
     for q in configurations(robot, 10, seed=3, margin=0.2):

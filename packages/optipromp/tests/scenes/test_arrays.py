@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from optipromp.core.geometry import Box, Capsule, HalfSpace, Sphere, distances, pack
 from optipromp.core.scenes import JointGoal, Scene, SceneObject
-from optipromp.core.scenes.scene import ROLES, obstacles_of, packed
+from optipromp.core.scenes.scene import ROLES, measures_of, obstacles_of, packed, rows_around
 
 SHAPES = (Sphere(0.05), Box((0.1, 0.4, 0.02)), Capsule(0.03, 0.6), Sphere(1.0))
 TURN = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
@@ -33,7 +33,7 @@ def test_what_is_within_reach_is_around(count: int, seed: int, reach: float) -> 
     center = np.random.default_rng(seed + 1).uniform(-2.0, 2.0, 3)
     for role in ROLES:
         mine = [k for k, obj in enumerate(made.objects) if obj.role == role]
-        rows = made.around(center, reach, role).tolist()
+        rows = rows_around(made, center, reach, role).tolist()
         assert set(rows) <= set(mine)
         assert rows == sorted(rows)
         away, _ = distances(obstacles_of(made), center[None])
@@ -48,12 +48,13 @@ def test_what_is_within_reach_is_around(count: int, seed: int, reach: float) -> 
 @settings(max_examples=50, deadline=None)
 def test_arrays_are_the_objects(count: int, seed: int) -> None:
     made = scene(count, seed)
+    _, _, bounds = measures_of(made)
     for k, obj in enumerate(made.objects):
         np.testing.assert_array_equal(made.positions[k], obj.position)
         np.testing.assert_array_equal(made.rotations[k], obj.rotation)
-        np.testing.assert_allclose(made.bounds[k], obj.radius, rtol=1e-15)
+        np.testing.assert_allclose(bounds[k], obj.radius, rtol=1e-15)
         assert k in made.rows(obj.role)
-    for array in (made.positions, made.rotations, made.bounds, made.rows("static")):
+    for array in (made.positions, made.rotations, bounds, made.rows("static")):
         assert not array.flags.writeable
     rows = np.random.default_rng(seed).permutation(len(made.objects))
     chosen = [made.objects[k] for k in rows]

@@ -14,7 +14,7 @@ from tests.cli.fixtures import invoke
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
-from optipromp.core.judging.distances import _stems
+from optipromp.core.judging.distances import objects_of
 from optipromp.core.pushing.stems.hanging import sampled
 from optipromp.core.scenes import Scene, SceneObject, save_scene, scene_from_dict
 from optipromp.core.scenes.io import scene_to_dict
@@ -98,8 +98,8 @@ def test_the_judge_keeps_the_arm_off_all_likely_stems() -> None:
 
     fruit = SceneObject("a", "target", Sphere(0.015), stem.points[0], stem=stem)
     scene = replace(generate("limp", 3), objects=(fruit,))
-    owners, *_ = _stems(scene)
-    assert owners.tolist() == [0] * 5
+    objects, _ = objects_of(scene)
+    assert sorted(objects.rows) == [0, *[1] * 5]  # the fruit, and pieces of stems
 
 
 def test_a_plan_says_what_it_assumed_and_is_simulated(tmp_path: Path) -> None:

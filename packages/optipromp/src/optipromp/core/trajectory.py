@@ -472,15 +472,12 @@ def prefixes(names: Collection[str], joints: Sequence[str]) -> list[str]:
     return [""] if "" in found else found
 
 
-def joint_columns(
-    names: Sequence[str], joints: Sequence[str], what: str, prefix: str = ""
-) -> list[int]:
+def joint_columns(names: Sequence[str], joints: Sequence[str], what: str) -> list[int]:
     """The index in ``names`` of each of the n ``joints``; further names are ignored.
 
     If the joints are not among the names, they are searched behind a prefix that all of them share.
 
-    ``what``: the owner of the names, which begins the error. ``prefix``: behind which alone the
-    joints are searched; empty: any.
+    ``what``: the owner of the names, which begins the error.
     """
     names = list(names)
     if not joints:
@@ -488,8 +485,7 @@ def joint_columns(
     if len(set(names)) != len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise InvalidRequestError(f"{what}: joint {twice!r} is named twice: must be once")
-    joints = [prefix + joint for joint in joints]
-    found = [""] * (set(joints) <= set(names)) if prefix else prefixes(names, joints)
+    found = prefixes(names, joints)
     if len(found) == 1:
         return [names.index(found[0] + joint) for joint in joints]
     if found:

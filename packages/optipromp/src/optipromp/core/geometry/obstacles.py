@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.compiled import kernel
 from optipromp.core.errors import InvalidSceneError
-from optipromp.core.geometry.shapes import GRID, Alike, Shape
+from optipromp.core.geometry.shapes import GRID, Shape, alike
 
 FEWEST = 24  # obstacles; with fewer, measuring them all is as fast
 _EDGE = 0.12  # [m] of a cell at least, about the size of a link: a choice
@@ -191,13 +191,13 @@ def packed_shapes(
     return Obstacles(kind, position, rotation, size, bound, grid, *grids, cells)
 
 
-def measures(of: Sequence[Shape] | Alike) -> Measures:
+def measures(shapes: Sequence[Shape]) -> Measures:
     """``kind`` (K,), ``size`` (K, 3) and ``bound`` (K,) of shapes, see :class:`Obstacles`."""
-    of = of if isinstance(of, Alike) else Alike.of(of)
-    kind, size, bound = np.empty(of.number, np.int64), np.empty((of.number, 3)), np.empty(of.number)
-    for k, one in of.parts:
+    count = len(shapes)
+    kind, size, bound = np.empty(count, np.int64), np.empty((count, 3)), np.empty(count)
+    for k, one in alike(shapes):
         kind[k], (size[k, 0], size[k, 1], size[k, 2]), bound[k], *_ = one.measure
-    return kind, size, bound
+    return read_only(kind), read_only(size), read_only(bound)
 
 
 def near(obstacles: Obstacles, center: FloatArray, reach: float) -> Obstacles:

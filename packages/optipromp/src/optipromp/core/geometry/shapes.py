@@ -6,21 +6,21 @@ A shape has no pose: an object of a scene (or an item of
 
 from __future__ import annotations
 
-import itertools
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
+from itertools import chain
 from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from annotated_types import Ge, Le, Unit
 
-from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths
+from optipromp.core.arrays import FloatArray, IntArray, frozen
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import faces
 from optipromp.core.values import Array, Validated
@@ -65,16 +65,6 @@ _hypot: Any = np.frompyfunc(math.hypot, 3, 1)  # of numbers, or of arrays
 _most: Any = np.frompyfunc(max, 3, 1)
 
 
-class BallPair(NamedTuple):
-    """Two balls on a line through a shape's origin, whose hull stands for the shape."""
-
-    line: FloatArray  # (3,) unit vector along the line, from the lower ball to the upper one
-    low: float  # place of the lower ball's centre on the line [m]
-    radius: float  # of the lower ball [m]
-    above: float  # radius of the upper ball [m]
-    apart: float  # distance of the centres [m]; 0 for a single ball
-
-
 class Shape(ABC):
     """A solid in its local frame: the interface between shapes and the library. A shape of a user
     defines :meth:`mesh`. Distance grid, bounds, volume, the balls of a fruit that hangs, picture,
@@ -100,15 +90,6 @@ class Shape(ABC):
             return _volume(self)
         return _volume.__wrapped__(self)
 
-    def balls(self, line: FloatArray) -> BallPair:
-        """The two balls for which a push model takes a fruit whose stem leaves along ``line`` (3,).
-        They touch the ends of the mesh along ``line``, a unit vector."""
-        key = tuple(line.tolist())
-        with suppress(TypeError):  # a class without a hash is fitted each time
-            hash(self)
-            return BallPair(line, *_fitted(self, key))
-        return BallPair(line, *_fitted.__wrapped__(self, key))
-
     @cached_property
     def _hull(self) -> FloatArray:
         """Corners (V, 3) of the convex hull of the mesh [m]."""
@@ -130,25 +111,6 @@ class Shape(ABC):
             case PointCloudShape(points=points, radius=r):
                 return np.asarray((directions @ points.T).max(axis=-1) + r)
         return np.asarray((directions @ self._hull.T).max(axis=-1))
-
-    def outlines(self, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Circles round the outlines across unit vectors ``axes`` (M, 3).
-
-        Returns: Radii (M,) of the circles and their middles (M, 3), and the extents (M,) of the
-        shape against the axes, all from the shape's origin [m]. A circle is the smallest one where
-        the outline is symmetric: of solids of revolution, of ellipsoids, of boxes.
-        """
-        mirror = axes + np.copysign([0.0, 0.0, 1.0], axes)  # takes the level rays across the axis
-        share = axes @ _LEVEL.T / np.abs(mirror[:, 2:])
-        rays = _LEVEL - share[..., None] * mirror[:, None]
-        far, half, rows = self.support(rays), RAYS // 2, np.arange(len(axes))
-        widest = (far + np.roll(far, half, axis=1)).argmax(axis=1)
-        middle = np.zeros((len(axes), 3))
-        for k in (widest, (widest + half // 2) % RAYS):  # two directions at right angles
-            off = 0.5 * (far[rows, k] - far[rows, (k + half) % RAYS])
-            middle += off[:, None] * rays[rows, k]
-        radius = (far - (rays @ middle[..., None])[..., 0]).max(axis=1)
-        return radius, middle, self.support(-axes)
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         """Faces (F, 4, 3) of the surface [m], see :mod:`optipromp.core.geometry.faces`. Flat faces
@@ -192,10 +154,6 @@ class Sphere(Primitive):
 
     def surface(self, cut: float = np.inf) -> FloatArray:
         return faces.sphere(np.zeros(3), self.radius, ROUND)
-
-    def balls(self, line: FloatArray) -> BallPair:
-        """Itself."""
-        return BallPair(line, 0.0, self.radius, self.radius, 0.0)
 
 
 @dataclass(frozen=True)
@@ -248,10 +206,6 @@ class Capsule(Primitive):
     def surface(self, cut: float = np.inf) -> FloatArray:
         half = np.array([0.0, 0.0, 0.5 * self.length])
         return faces.tube(np.stack([-half, half]), self.radius, 24)
-
-    def balls(self, line: FloatArray) -> BallPair:
-        """The balls at its ends."""
-        return _end_balls(line, self.radius, self.radius, self.length)
 
 
 @dataclass(frozen=True)
@@ -310,10 +264,6 @@ class Cone(Primitive):
         ]
         return faces.revolve(np.concatenate(arcs), ROUND)
 
-    def balls(self, line: FloatArray) -> BallPair:
-        """The balls at its ends."""
-        return _end_balls(line, self.tip, self.radius, self.length)
-
     def mesh(self, around: int = 24) -> MeshShape:
         """The convex hull of the surface points with evenly spread normals."""
         normals, half = _normals(around), np.array([0.0, 0.0, 0.5 * self.length])
@@ -342,28 +292,27 @@ PRIMITIVES: dict[str, Any] = {
 """Shapes without a file, by their names in scene files."""
 
 
-class Alike(NamedTuple):
-    """Shapes, of which many :data:`PRIMITIVES` of a class are one shape, whose sizes are arrays."""
-
-    number: int
-    parts: list[tuple[Any, Shape]]  # rows (k,), and a shape of sizes (k,) or (3, k); or one of each
-
-    @classmethod
-    def of(cls, shapes: Sequence[Shape]) -> Self:
-        """Shapes in their order."""
-        parts: list[tuple[Any, Shape]] = [*enumerate(shapes)] if len(shapes) < FEW else []
-        which = [] if parts else [*map(type, shapes)]
-        for kind in set(which):
-            rows = np.array([k for k, each in enumerate(which) if each is kind])
-            if kind in PRIMITIVES.values():
-                one: Any = object.__new__(kind)
-                own = [shapes[k] for k in rows.tolist()]
-                for size in fields(kind):
-                    vars(one)[size.name] = np.array([*map(attrgetter(size.name), own)]).T
-                parts.append((rows, one))
-            else:
-                parts += [(k, shapes[k]) for k in rows.tolist()]
-        return cls(len(shapes), parts)
+def alike(shapes: Sequence[Shape]) -> list[tuple[Any, Shape]]:
+    """The shapes with their rows; many :data:`PRIMITIVES` of a class are one shape, whose rows are
+    an array (k,) and whose sizes are arrays (k,) or (3, k)."""
+    if len(shapes) < FEW:
+        return [*enumerate(shapes)]
+    parts: list[tuple[Any, Shape]] = []
+    which = [*map(type, shapes)]
+    for kind in set(which):
+        rows = [k for k, each in enumerate(which) if each is kind]
+        own = [shapes[k] for k in rows]
+        if kind in PRIMITIVES.values():
+            one: Any = object.__new__(kind)
+            for size in fields(kind):
+                values: Any = [*map(attrgetter(size.name), own)]
+                if isinstance(values[0], tuple):  # NumPy reads tuples at half the speed
+                    values = np.fromiter(chain.from_iterable(values), float).reshape(-1, 3).T
+                vars(one)[size.name] = np.asarray(values)
+            parts.append((np.array(rows), one))
+        else:
+            parts += zip(rows, own, strict=True)
+    return parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -440,46 +389,29 @@ class PointCloudShape(Shape, Validated, error=InvalidSceneError):
         ball = faces.sphere(np.zeros(3), max(self.radius, 0.003), 6)
         return (shown[:, None, None] + ball).reshape(-1, 4, 3)
 
-    def balls(self, line: FloatArray) -> BallPair:
-        """A single ball that holds the points."""
-        return BallPair(line, 0.0, bound := self.measure.bound, bound, 0.0)
-
     def mesh(self, around: int = 24) -> MeshShape:
         """Refused: the surface between the points is unknown."""
         raise InvalidSceneError("a point cloud has no mesh")
 
 
-def _end_balls(line: FloatArray, low: float, high: float, length: float) -> BallPair:
-    """Balls at z = -length/2 of radius ``low`` and at z = length/2 of radius ``high``."""
-    up = np.array([0.0, 0.0, 1.0])
-    if float(line[2]) < 0.0:
-        return BallPair(-up, -0.5 * length, high, low, length)
-    return BallPair(up, -0.5 * length, low, high, length)
+def outlines(shape: Shape, axes: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Circles round the outlines of a shape across unit vectors ``axes`` (M, 3).
 
-
-@lru_cache(maxsize=256)
-def _fitted(shape: Shape, line: tuple[float, ...]) -> tuple[float, float, float, float]:
-    """The numbers of :class:`BallPair` of a shape with a mesh: balls that touch its ends. Of 16
-    radii for each ball: the pair whose hull has the least mean distance from the surface."""
-    points, axis = shape.mesh().vertices, np.array(line)
-    height = points @ axis
-    aside = lengths(points - height[:, None] * axis)
-    low, high, wide = float(height.min()), float(height.max()), float(aside.max())
-    one = 0.5 * (high - low)
-    shares = np.linspace(0.1, 1.0, 16) * min(wide, one)
-    best, fit = np.inf, (0.5 * (low + high), one, one, 0.0)
-    for radius, above in itertools.product(shares, shares):
-        apart = high - low - radius - above
-        if apart <= abs(radius - above) + 1e-9:
-            continue
-        sine = (radius - above) / apart
-        share = (height - low - radius + aside * sine / -np.sqrt(1.0 - sine**2)) / apart
-        share = np.clip(share, 0.0, 1.0)
-        off = np.hypot(aside, height - low - radius - share * apart)
-        error = float(np.abs(off - radius - share * (above - radius)).mean())
-        if error < best:
-            best, fit = error, (low + radius, float(radius), float(above), float(apart))
-    return fit
+    Returns: Radii (M,) of the circles and their middles (M, 3), and the extents (M,) of the
+    shape against the axes, all from the shape's origin [m]. A circle is the smallest one where
+    the outline is symmetric: of solids of revolution, of ellipsoids, of boxes.
+    """
+    mirror = axes + np.copysign([0.0, 0.0, 1.0], axes)  # takes the level rays across the axis
+    share = axes @ _LEVEL.T / np.abs(mirror[:, 2:])
+    rays = _LEVEL - share[..., None] * mirror[:, None]
+    far, half, rows = shape.support(rays), RAYS // 2, np.arange(len(axes))
+    widest = (far + np.roll(far, half, axis=1)).argmax(axis=1)
+    middle = np.zeros((len(axes), 3))
+    for k in (widest, (widest + half // 2) % RAYS):  # two directions at right angles
+        off = 0.5 * (far[rows, k] - far[rows, (k + half) % RAYS])
+        middle += off[:, None] * rays[rows, k]
+    radius = (far - (rays @ middle[..., None])[..., 0]).max(axis=1)
+    return radius, middle, shape.support(-axes)
 
 
 def mesh_volume(mesh: MeshShape) -> float:

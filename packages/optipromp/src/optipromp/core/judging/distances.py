@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import FloatArray, IntArray, frame_along, lengths
+from optipromp.core.arrays import FloatArray, IntArray, lengths
 from optipromp.core.compiled import called, inlined, inner
 from optipromp.core.geometry import shapes
 from optipromp.core.scenes.objects import Role
@@ -58,8 +58,8 @@ def objects_of(
     if counted is not None:  # what moves: see judging/moving.py
         counts &= np.isin(np.arange(len(role)), list(counted))
     role[~counts] = -1
-    kind, size, bound = measured(scene.alike)
-    owner, middle, turn, capsule = _stems(scene)
+    kind, size, bound = measured(scene.columns["shape"])
+    owner, middle, turn, capsule = scene.strands
     rows = np.concatenate([np.arange(len(role)), len(role) + owner])
     role = np.concatenate([role, np.where(counts[owner], STEM, -1)])
     kind = np.concatenate([kind, np.full(len(owner), shapes.CAPSULE)])
@@ -85,20 +85,6 @@ def objects_of(
     return objects, scene.objects_at(rest)
 
 
-def _stems(scene: Scene) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """The S pieces of all stems as capsules; see :attr:`Scene.strands`.
-
-    Rows (S,) of the objects that hang; middles (S, 3) [m]; rotations (S, 3, 3), local to world;
-    sizes (S, 3) [m]: radius, half length and 0.
-    """
-    owner, ends, radius = scene.strands
-    along = ends[:, 1] - ends[:, 0]
-    length = lengths(along)
-    turn = frame_along(along / length[:, None])
-    size = np.column_stack([radius, 0.5 * length, np.zeros(len(length))])
-    return owner, ends.mean(axis=1), turn, size
-
-
 def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
     """Names and roles of the objects in ``rows`` (K,) of :class:`Objects`."""
     count = len(scene.objects)
@@ -106,16 +92,15 @@ def names_of(scene: Scene, rows: IntArray) -> list[tuple[str, str]]:
     return [(item.id if k < count else f"the stem of {item.id}", item.role) for k, item in items]
 
 
-def measured(of: Sequence[shapes.Shape] | shapes.Alike) -> tuple[IntArray, FloatArray, FloatArray]:
+def measured(of: Sequence[shapes.Shape]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Kinds (K,), sizes (K, 3) and bounds (K,) of shapes, as :class:`Objects` holds them.
 
     The judge reads shapes itself: a wrong size in ``Shape.measure`` must not deceive both the
     planner and the judge. What is none of these shapes is measured as a mesh or a point cloud.
     """
-    of = of if isinstance(of, shapes.Alike) else shapes.Alike.of(of)
-    kind, size = np.full(of.number, shapes.GRID, dtype=np.int64), np.zeros((of.number, 3))
-    bound = np.full(of.number, np.inf)
-    for k, shape in of.parts:
+    kind, size = np.full(len(of), shapes.GRID, dtype=np.int64), np.zeros((len(of), 3))
+    bound = np.full(len(of), np.inf)
+    for k, shape in shapes.alike(of):
         match shape:
             case shapes.Sphere(radius=r):
                 kind[k], size[k, 0], bound[k] = shapes.SPHERE, r, r
@@ -136,6 +121,8 @@ def measured(of: Sequence[shapes.Shape] | shapes.Alike) -> tuple[IntArray, Float
                 bound[k] = 0.5 * h + np.maximum(r, tip)
             case shapes.HalfSpace():
                 kind[k] = shapes.HALF_SPACE
+            case _:
+                bound[k] = shape.measure.bound
     return kind, size, bound
 
 

@@ -73,7 +73,8 @@ def pushables_of(scene: Scene, gripper_radius: float) -> Pushables:
     flat = stems - (stems @ up)[:, None] * up
     least = DECIDED * lengths(stems)
     projection = stems @ lateral
-    radii, under = scene.bounds[rows], np.full(len(items), np.inf)
+    _, _, radii = distances.measured([item.shape for item in items])
+    under = np.full(len(items), np.inf)
     in_the_way, camera = np.zeros(len(items), dtype=bool), np.full(3, np.nan)
     if scene.target is not None:
         off = places - scene.target.position

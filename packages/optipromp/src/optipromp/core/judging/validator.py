@@ -15,7 +15,7 @@ taken off each distance.
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import product
+from itertools import compress, product
 from typing import Any
 
 import numpy as np
@@ -430,9 +430,10 @@ def entered(
     middle = spheres[0].mean(axis=0)
     reach = float((lengths(spheres[0] - middle) + radius).max())
     rows = np.concatenate([scene.rows("target"), scene.rows("pushable")])
-    near = lengths(scene.positions[rows] - middle) < scene.bounds[rows] + reach
+    off, items = lengths(scene.positions[rows] - middle), scene.objects_at(rows)
+    _, _, bound = measured([item.shape for item in items])
     link, out = np.asarray(robot.spheres.link)[distal], []
-    for item in scene.objects_at(rows[near]):
+    for item in compress(items, off < bound + reach):
         for one in np.unique(link):
             if one == link.max() and _in_mouth(robot, item, point, axis):
                 continue

@@ -14,7 +14,7 @@ from optipromp.core.optimization.costs import Cost
 from optipromp.core.optimization.costs.joints import smoothness
 from optipromp.core.optimization.evaluation import BodyPoints, Evaluation, body_points
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene, packed
+from optipromp.core.scenes.scene import Scene, packed, rows_around
 
 FARTHER = 0.1  # [m] beyond its reach, where objects still concern the arm: a choice
 NEAR = 0.065  # [m] cells list obstacles this near to a body sphere: more than GOAL.room
@@ -79,7 +79,7 @@ def surroundings_of(scene: Scene, robot: Robot) -> Surroundings:
     far = reach(robot) + FARTHER
     asked = NEAR + float(np.max(robot.spheres.radius, initial=0.0))
     static, avoid, push = (
-        scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
+        rows_around(scene, np.zeros(3), far, role) for role in ("static", "avoid", "pushable")
     )
     if scene.target is not None and scene.target.stem is not None:  # the arm keeps off it, too
         push = np.append(push, scene.rows("target"))
@@ -154,7 +154,7 @@ class RoomApart(NamedTuple):
 @functools.lru_cache(maxsize=4)
 def apart(scene: Scene, robot: Robot, far: float) -> RoomApart:
     """The special obstacles within ``far`` [m] of the base, for the search of ways."""
-    found = [scene.around(np.zeros(3), far, role) for role in ("static", "avoid", "pushable")]
+    found = [rows_around(scene, np.zeros(3), far, role) for role in ("static", "avoid", "pushable")]
     kept = [rows[is_special(scene, robot, rows)] for rows in found]
     rows = np.concatenate(kept)
     room = rooms(scene, robot, rows)

@@ -7,6 +7,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths, rotation
 from optipromp.core.budget import clock
+from optipromp.core.geometry.shapes import outlines
 from optipromp.core.planning.parameters import APPROACH
 from optipromp.core.planning.task import Task, approached, cuts
 from optipromp.core.pushing.model import PushModel
@@ -17,8 +18,8 @@ from optipromp.core.scenes.scene import Scene
 SAME = 1e-6  # 1 less the cosine between two directions that are one: 0.1 degrees
 
 
-def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried) -> Iterator[Task]:
-    """The task with each of the ``most`` promising approaches that its scene allows.
+def other_approaches(task: Task, end: float = np.inf) -> Iterator[Task]:
+    """The task with each of the ``APPROACH.tried`` most promising approaches of its scene.
 
     The tool ends no farther beside the target's centre than its mouth leaves room, so that the cup
     stays round the target. To a long target that does not fit in every state, it comes only from
@@ -67,7 +68,7 @@ def other_approaches(task: Task, end: float = np.inf, most: int = APPROACH.tried
         directions = [(axis, scene.approach.shift) for axis in tilts]
         beside = (reach * flat for flat in flats if reach > 0.0)
         directions += [(z_g, scene.approach.shift + shift) for shift in beside]
-    left, best = most, list[tuple[float, int, Task]]()
+    left, best = APPROACH.tried, list[tuple[float, int, Task]]()
     for k, (direction, shift) in enumerate(directions):
         if clock() > end:
             return
@@ -95,7 +96,7 @@ def narrowest(scene: Scene, cone: float) -> FloatArray:
     tilt, turn = np.meshgrid(np.linspace(0.0, cone, APPROACH.rings + 1), turns, indexing="ij")
     local = np.stack([np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn), np.cos(tilt)])
     axes = local.reshape(3, -1).T @ np.array(scene.frame)
-    radius, _, _ = scene.target.shape.outlines(axes @ scene.target.rotation)
+    radius, _, _ = outlines(scene.target.shape, axes @ scene.target.rotation)
     return np.asarray(axes[np.argmin(radius.round(6))])  # of equal ones that of the least tilt
 
 
@@ -110,7 +111,7 @@ def misfit(task: Task) -> str:
     cone, opening, needed = scene.approach.cone, 2e3 * tool.mouth[0], 2e3 * PUSH.harm.fit
     cone = np.deg2rad(APPROACH.cone if cone is None else cone)
     axes = np.array([scene.frame[2], narrowest(scene, cone)])
-    here, least = 2e3 * target.shape.outlines(axes @ target.rotation)[0]
+    here, least = 2e3 * outlines(target.shape, axes @ target.rotation)[0]
     if opening <= 0.0 or here + needed <= opening:
         return ""
     off = f"in the cone of the approach it is nowhere narrower than {least:.1f} mm"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from optipromp.core.arrays import BoolArray, FloatArray, IntArray, frame_along, lengths
+from optipromp.core.arrays import BoolArray, FloatArray, IntArray, lengths
 from optipromp.core.budget import Budget
 from optipromp.core.compiled import called, inlined, inner, kernel
 from optipromp.core.geometry.distances import distance_and_gradient
@@ -106,14 +106,10 @@ def _stems(scene: Scene) -> Obstacles:
     """The pieces of all stems, including the target's, but of fruits that a link may touch."""
     free = {name for pair in scene.may_touch for name in pair}
     spared = [k for k, item in enumerate(scene.objects if free else ()) if item.id in free]
-    owner, ends, radius = scene.strands
-    kept = ~np.isin(owner, spared)
-    ends, radius = ends[kept], radius[kept]
-    along = ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
-    kind, size = np.full(len(ends), CAPSULE), np.column_stack([radius, 0.5 * length, 0.0 * length])
-    turn, bound = frame_along(along / length[:, None]), radius + 0.5 * length
-    return packed_shapes((), 0.5 * (ends[:, 0] + ends[:, 1]), turn, (kind, size, bound))
+    owner, *capsules = scene.strands
+    middle, turn, size = (each[~np.isin(owner, spared)] for each in capsules)
+    measured = np.full(len(size), CAPSULE), size, size.sum(axis=1)
+    return packed_shapes((), middle, turn, measured)
 
 
 def levers(robot: Robot) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from optipromp.core.arrays import FloatArray, frame_along, lengths
-from optipromp.core.geometry.shapes import Cone, Shape, Sphere
+from optipromp.core.geometry.shapes import Cone, Shape, Sphere, outlines
 from optipromp.core.parameters import GRAVITY
 from optipromp.core.planning.parameters import CUTTING
 from optipromp.core.pushing.stems.bending import axis_of, hanging_balls
@@ -46,7 +46,7 @@ def hung(scene: Scene, robot: Robot, q: FloatArray) -> tuple[tuple[Attached, ...
         assert item.stem is not None
         balls, up = hanging_balls(item), item.stem.root - item.position
         up, ends = up / math.hypot(*up), _ends(item, scene)
-        across, _, _ = item.shape.outlines(up[None] @ item.rotation)
+        across, _, _ = outlines(item.shape, up[None] @ item.rotation)
         radii = np.array([balls.radius, balls.above])
         radii += max(float(across[0]) - radii.max(), 0.0) + wide * lengths(ends)
         low, above = radii.tolist()

@@ -34,7 +34,6 @@ from optipromp.core.planning.task import (
 )
 from optipromp.core.planning.timing import among_fruits
 from optipromp.core.planning.verdict import Verdict, judged, led, predicted
-from optipromp.core.pushing.model import Prediction
 from optipromp.core.pushing.stems.cup import flange_of
 from optipromp.core.pushing.stems.hanging import Hanging, Leaving
 from optipromp.core.robots import ik
@@ -48,9 +47,9 @@ from optipromp.core.scenes.scene import PoseGoal, Role, Scene, SceneObject
 from optipromp.core.trajectory import State, Trajectory
 
 
-def leg(task: Task, trajectory: Trajectory, seconds: float, push: Prediction | None = None) -> Plan:
-    """The judged plan of a motion that no planner made; ``push``: its prediction, if known."""
-    push = push or predicted(task, trajectory)
+def leg(task: Task, trajectory: Trajectory, seconds: float) -> Plan:
+    """The judged plan of a motion that no planner made, in a time of ``seconds`` [s]."""
+    push = predicted(task, trajectory)
     outcome = Verdict(judged(task, trajectory, stem_side=push is None), push)
     return Plan(
         task=task, planner="retreat", seed=task.seed, status=outcome.status,

@@ -1,4 +1,4 @@
-"""What a planner is, the planners of a name, and ours: ``opti-promp``, ``i-promp``, ``promp``.
+"""What a planner is, the planners of a name, and the default one: ``opti-promp``.
 
 A planner is a value: its settings are its fields, and it has one method. A name joins by
 :func:`register`, or by an entry point of the group :data:`GROUP` in a package's pyproject.toml::
@@ -9,33 +9,26 @@ A planner is a value: its settings are its fields, and it has one method. A name
 An entry point is loaded when its name is asked for, or when all planners are listed.
 """
 
-import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib import metadata
-from typing import Annotated, Any, ClassVar, Protocol, runtime_checkable
-
-import numpy as np
-from annotated_types import Ge, Unit
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.budget import Budget, clock
 from optipromp.core.errors import Code, InvalidRequestError, others_code, suggest, unknown
-from optipromp.core.planning import goals, primitive
+from optipromp.core.planning import goals
 from optipromp.core.planning.follow import keeps_path
 from optipromp.core.planning.lines import along_lines
-from optipromp.core.planning.options import Metres, Phase, PlanOptions, Searched, Timed
-from optipromp.core.planning.parameters import GOAL, PRIMITIVE, WAYPOINT
+from optipromp.core.planning.options import PlanOptions, Searched
+from optipromp.core.planning.parameters import GOAL
 from optipromp.core.planning.pick import pick
 from optipromp.core.planning.primitive import learnt
-from optipromp.core.planning.result import Answer, Failed, Planned, Proposal, ViaPoint
+from optipromp.core.planning.result import Answer, Failed, Proposal
 from optipromp.core.planning.task import Task, pushed_aside
-from optipromp.core.planning.timing import timed
-from optipromp.core.promp.model import ProMP
 from optipromp.core.pushing.path import ToolPath
-from optipromp.core.pushing.rules import detection_variance, pushes
-from optipromp.core.scenes.scene import PoseGoal, Scene
+from optipromp.core.scenes.scene import Scene
 from optipromp.core.values import fitted
 
 GROUP = "optipromp.planners"
@@ -230,110 +223,7 @@ class OptiProMP(Searched):
         return chosen.told(pick(task, promp, self, chosen.q, budget, sparing, only))
 
 
-@dataclass(frozen=True)
-class ConditionedProMP(Timed):
-    """The primitive, conditioned on start, camera point and target: the planner ``promp``.
-
-    Attributes:
-        camera_phase: t_1, the phase of the camera point in (0, 1); None: 0.5.
-        camera_point: whether the camera point is passed; None: as the scene says (by default yes).
-        via_deviation: standard deviation with which the ProMP is held to a point [m].
-    """
-
-    camera_phase: Phase | None = None
-    camera_point: bool | None = None
-    via_deviation: Metres = 1e-3
-    name: ClassVar[str] = "promp"
-    ignores: ClassVar[tuple[str, ...]] = WAY
-
-    def solve(self, task: Task, budget: Budget) -> Answer:
-        promp = learnt(task, task.demonstrations)
-        chosen = goal_configurations(task, budget, GOAL.few_starts, primitive.end(promp))
-        if not len(chosen.q):
-            return chosen.failed
-        budget.say(self.name)
-        began = clock()
-        ends = np.linalg.norm(chosen.q - primitive.end(promp), axis=1)
-        made = self.conditioned(task, promp, chosen.q[int(np.argmin(ends))])
-        made = replace(made, time={self.name: clock() - began})
-        return replace(chosen, reason="").told(made)  # the judge reports contacts at the goal
-
-    def conditioned(self, task: Task, promp: ProMP, goal: FloatArray) -> Planned:
-        """The ProMP, conditioned on start, camera point, :meth:`passed` and the ``goal`` (n,).
-
-        The phases are evenly spaced; the arm pauses at the camera point, unless the scene or the
-        settings leave the point out.
-        """
-        phase = self.camera_phase or PRIMITIVE.camera_phase
-        branch: FloatArray | None = None
-        met: tuple[ViaPoint, ...] = (ViaPoint("goal", task.robot.tool_pose(goal)[0]),)
-        if isinstance(task.goal, PoseGoal) and self.through_camera(task):
-            names, positions, variances = self.passed(task)
-            points, deviations = primitive.via_points(task, positions, self.via_deviation)
-            branch = primitive.on_branch(task, points, goal)
-            if branch is not None:
-                met = (*map(ViaPoint, ("camera", *names), points), *met)
-        count = self.waypoints or WAYPOINT.primitive
-        if branch is None:
-            phases, values, spread, pause = np.array([1.0]), goal[None], np.zeros(1), None
-        else:
-            spread = (deviations / PRIMITIVE.lever_arm) ** 2
-            spread[1:-1] += np.array(variances) / PRIMITIVE.lever_arm**2
-            phases, values, pause = np.linspace(phase, 1.0, len(branch)), branch, phase
-        q = primitive.led_through(promp, task.start, phases, values, spread, count, pause)
-        q[-1] = goal
-        first = math.ceil(phase * (count - 1))
-        return Planned(timed(task, self, q, first if task.neighbours else None), first, via=met)
-
-    def through_camera(self, task: Task) -> bool:
-        """Whether the camera point is passed."""
-        stated = self.camera_point
-        return bool(task.scene.options.get("camera_point", True) if stated is None else stated)
-
-    def passed(self, task: Task) -> tuple[list[str], list[FloatArray], list[float]]:
-        """Names, tool points (3,) [m] and variances [m²] between the camera point and the goal."""
-        return [], [], []
-
-
-@dataclass(frozen=True)
-class IProMP(ConditionedProMP):
-    """The primitive, conditioned also on every neighbour and its pushed pose.
-
-    Attributes:
-        direction_deviation: standard deviation of the push direction [rad]; above 0 the direction
-            is sampled.
-        guard: the mouth is closed while the tool pushes. The closed rim, not the tool point, is led
-            under each neighbour and under its pushed pose.
-    """
-
-    direction_deviation: Annotated[float, Ge(0.0), Unit("rad")] = 0.0
-    guard: bool = False
-    name: ClassVar[str] = "i-promp"
-
-    def through_camera(self, task: Task) -> bool:
-        """True: the pushes begin there."""
-        return True
-
-    def passed(self, task: Task) -> tuple[list[str], list[FloatArray], list[float]]:
-        """Each neighbour and its pushed pose."""
-        names, positions, variances = list[str](), list[FloatArray](), list[float]()
-        deviation, tool = self.direction_deviation, task.robot.tool
-        rng = np.random.default_rng(task.seed) if deviation > 0.0 else None
-        below = 0.0 if tool is None else tool.depth
-        made = pushes(task.scene, task.neighbours, task.robot.gripper_radius, rng, deviation)
-        for push, item in zip(made, task.neighbours, strict=True):
-            drop = task.scene.frame[2] * (below + item.radius if self.guard else 0.0)
-            names += [push.id, f"{push.id} pushed"]
-            positions += [push.position - drop, push.pushed - drop]
-            variances += [detection_variance(item)] * 2
-        return names, positions, variances
-
-
-_OURS = {kind.name: kind for kind in (ConditionedProMP, IProMP, OptiProMP)}
-PLANNERS = tuple(_OURS)
-for _name, _kind in _OURS.items():
-    register(_name, _kind)
-
+PLANNERS = "promp", "i-promp", "opti-promp"  # ours, which the package registers
 USUAL = vars(PlanOptions())  # the default of each option
 OF_A_PLAN = "timeout", "effort", "risk"  # options of a request, whatever the planner
 
@@ -354,6 +244,6 @@ def chosen_planner(planner: Planner | str, options: PlanOptions) -> Planner:
             raise InvalidRequestError(f"{extra}: must be settings of the planner that is given")
         return planner
     kind = factory(planner)
-    if kind in _OURS.values():
+    if planner in PLANNERS:
         given = {k: v for k, v in given.items() if k in settings_of(kind)}
     return make(planner, **given)

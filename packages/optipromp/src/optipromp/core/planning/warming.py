@@ -36,9 +36,9 @@ def one_thread() -> Any:
     return _threads().limit(limits=1, user_api="blas")
 
 
-def warm_up(scene: Scene | str = WARM_UP) -> None:
+def warm_up() -> None:
     """Compile every kernel, or load it from the cache, before a plan's time counts."""
-    _find_way(_attempt(scene if isinstance(scene, Scene) else load_scene(scene)))
+    _find_way(_attempt(load_scene(WARM_UP)))
 
 
 def _attempt(scene: Scene) -> Task:

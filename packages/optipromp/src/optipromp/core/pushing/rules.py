@@ -29,24 +29,18 @@ from optipromp.core.compiled import inner, kernel
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, rows_around
 
 DriftRule = Literal["shortest", "lateral-plane", "paper"]
 RULE = PUSH.rule
 
 
-def neighbours(
-    scene: Scene, gripper_radius: float, *, search_radius: float = RULE.search_radius,
-    plane_factor: float = RULE.plane_factor,
-) -> tuple[SceneObject, ...]:  # fmt: skip
+def neighbours(scene: Scene, gripper_radius: float) -> tuple[SceneObject, ...]:
     """Pushables before the target along z_g and near the approach line, first met first.
 
-    Args:
-        scene: a scene without a target has no neighbours.
-        gripper_radius: R_gripper [m].
-        search_radius: largest distance of a neighbour from the target [m].
-        plane_factor: D_plane in gripper radii, the largest distance from the approach line; plus
-            two standard deviations of the detected positions of target and pushable.
+    They are within ``RULE.search_radius`` [m] of the target, and within D_plane of the approach
+    line: ``RULE.plane_factor`` times ``gripper_radius`` [m], plus two standard deviations of the
+    detected positions of target and pushable. A scene without a target has no neighbours.
 
     Returns:
         The neighbours by position along z_g; ties by distance from the target. A truss is met
@@ -60,14 +54,14 @@ def neighbours(
         place, own = place + scene.approach.shift, scene.taken
     x_g, y_g, z_g = scene.frame
     found = []
-    for obj in scene.objects_at(scene.around(place, search_radius, "pushable")):
+    for obj in scene.objects_at(rows_around(scene, place, RULE.search_radius, "pushable")):
         off = obj.position - place
         along = float(off @ z_g)
         aside = math.hypot(off @ x_g, off @ y_g)
         distance = math.hypot(*off)
         doubt = math.sqrt(detection_variance(target) + detection_variance(obj))
-        wide = plane_factor * gripper_radius + RULE.unsure * doubt
-        if along < 0.0 and distance <= search_radius and aside <= wide and obj not in own:
+        wide = RULE.plane_factor * gripper_radius + RULE.unsure * doubt
+        if along < 0.0 and distance <= RULE.search_radius and aside <= wide and obj not in own:
             found.append((along, distance, obj.id, obj))
     return tuple(obj for *_, obj in sorted(found, key=lambda f: f[:3]))
 

@@ -26,6 +26,7 @@ AXIS_LENGTH = 0.3  # [m] chosen: ℓ, lever that weighs an axis error against a 
 POSITION_SOLVED = 1e-6  # [m] chosen: largest position error of a solution
 WIDE = 0.3  # [rad or m] chosen: margin from limits that counts as much as the clearance ROOMY
 ROOMY = 0.05  # [m] chosen
+DESCENT = 24  # iterations of a descent from anywhere, chosen
 TRACKING = 30  # iterations of a descent from a known configuration, chosen
 AXIS_SOLVED = 1e-6  # [rad] chosen: largest axis error of a solution
 
@@ -217,8 +218,7 @@ def _tool_axes(robot: Robot, count: int) -> FloatArray:
 def solve(
     robot: Robot, position: FloatArray, axis: FloatArray | None, *, starts: int = 48, seed: int = 0,
     near: FloatArray | None = None, clearance: Callable[[FloatArray], FloatArray] | None = None,
-    distinct: float = 0.25, limit_margin: float = 0.0, rest: FloatArray | None = None,
-    iterations: int = 24,
+    distinct: float = 0.25, rest: FloatArray | None = None,
 ) -> Solutions:  # fmt: skip
     """Find distinct configurations with the tool point at ``position`` and its axis along ``axis``.
 
@@ -233,10 +233,8 @@ def solve(
         clearance: maps (m, n) configurations to (m,) clearances [m], used to rank.
         distinct: largest joint difference [rad or m] up to which two solutions count as equal. Full
             turns of a continuous joint do not count; the turn nearest to ``rest`` is returned.
-        limit_margin: least distance from every finite joint limit [rad or m].
         rest: (n,) values of joints that move neither the tool point nor the axis; None: the home
             configuration. Solutions that differ only in such joints count as equal.
-        iterations: of each descent.
 
     Returns:
         The solutions, ranked by the smaller of margin / :data:`WIDE` and clearance / :data:`ROOMY`.
@@ -256,7 +254,7 @@ def solve(
     if length.min() < 1e-9:
         raise InvalidRequestError("the goal axis has no length")
     n = robot.n_joints
-    lower, upper = robot.lower + limit_margin, robot.upper - limit_margin
+    lower, upper = robot.lower.copy(), robot.upper.copy()
     finite = np.isfinite(lower) & np.isfinite(upper)
     low, high = np.where(finite, lower, -np.pi), np.where(finite, upper, np.pi)
     q = np.vstack([robot.home[None], low + (high - low) * uniform(seed, (starts, n))])
@@ -272,7 +270,7 @@ def solve(
     _descend(
         robot.kinematics, robot.tool_point, _tool_axes(robot, len(directions)),
         np.full((len(q), 3), target), np.tile(directions / length, (len(q), 1, 1)),
-        AXIS_LENGTH**2 if axis is not None else 0.0, lower, upper, center, weight, iterations,
+        AXIS_LENGTH**2 if axis is not None else 0.0, lower, upper, center, weight, DESCENT,
         False, q, position_error, axis_error,
     )  # fmt: skip
     good = (position_error < POSITION_SOLVED) & (axis_error < AXIS_SOLVED)

@@ -490,24 +490,21 @@ def parents_first(objects: Sequence[SceneObject]) -> list[SceneObject]:
 
 def check_trusses(objects: Sequence[SceneObject]) -> None:
     """Refuse stems whose root is not on their parent's stem."""
-    if all(item.stem is None or item.stem.parent is None for item in objects):
-        return
-    by_id = {item.id: item for item in parents_first(objects)}
-    for item in objects:
-        if item.stem is None or item.stem.parent is None:
-            continue
-        other = by_id[item.stem.parent].stem
-        assert other is not None
-        if by_id[item.stem.parent].motion is not None:
+    grown = [(item.id, item.stem) for item in objects if item.stem and item.stem.parent is not None]
+    by_id = {item.id: item for item in parents_first(objects)} if grown else {}
+    for name, stem in grown:
+        other = by_id[stem.parent or ""]
+        assert other.stem is not None
+        if other.motion is not None:
             raise InvalidSceneError(
-                f"object {item.stem.parent!r} has a motion and carries the stem of {item.id!r}: "
+                f"object {other.id!r} has a motion and carries the stem of {name!r}: "
                 "fruits of a truss must stand"
             )
-        off = float(np.linalg.norm(nearest(other.points, item.stem.root)[1] - item.stem.root))
+        off = math.dist(nearest(other.stem.points, stem.root)[1], stem.root)
         if off > STEM_SLACK:
             raise InvalidSceneError(
-                f"object {item.id!r}: the root of its stem is {off:.3g} m from the stem of "
-                f"{item.stem.parent!r}, its parent: must be on it, to {STEM_SLACK:g} m"
+                f"object {name!r}: the root of its stem is {off:.3g} m from the stem of "
+                f"{other.id!r}, its parent: must be on it, to {STEM_SLACK:g} m"
             )
 
 
@@ -576,8 +573,6 @@ def rooted(objects: Iterable[SceneObject]) -> tuple[SceneObject, ...]:
     For objects that have moved one by one. A stem whose parent is missing gets a fixed root.
     """
     items = list(objects)
-    if all(item.stem is None or item.stem.parent is None for item in items):
-        return tuple(items)
     here = {item.id: item for item in items}
     for item in items:
         stem = item.stem

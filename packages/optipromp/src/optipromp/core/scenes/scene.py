@@ -6,7 +6,7 @@ import copy
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from operator import attrgetter
 from pathlib import Path
 from typing import Annotated, Any
@@ -20,6 +20,7 @@ from optipromp.core.arrays import (
     FloatArray,
     IntArray,
     cross,
+    frame_along,
     frozen,
     joined,
     lengths,
@@ -27,7 +28,7 @@ from optipromp.core.arrays import (
 )
 from optipromp.core.errors import InvalidSceneError, suggest
 from optipromp.core.geometry.obstacles import Measures, Obstacles, measures, packed_shapes
-from optipromp.core.geometry.shapes import Alike, PointCloudShape
+from optipromp.core.geometry.shapes import PointCloudShape
 from optipromp.core.robots.library import NOTHING, Choice, load_arm
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import Crop
@@ -67,7 +68,6 @@ MOST_GOALS = 1000
 """Most entries of a goal, chosen: the judge holds each end against all, 10 µs each."""
 
 COLUMNS = "role", "shape", "position", "orientation", "stem", "motion", "padding"
-TOGETHER = 512  # objects, whose values are in a processor's cache: a choice
 
 _PARALLEL = 1e-6  # chosen: sine of the angle below which two vectors count as parallel
 _ROUNDING = 1e-9  # [m] allowance for rounding
@@ -245,22 +245,14 @@ class Scene(Shown, Framed):
 
     @cached_property
     def columns(self) -> Mapping[str, list[Any]]:
-        """Of each of :data:`COLUMNS`, the values of all objects, read while near in memory."""
-        columns: dict[str, list[Any]] = {name: [] for name in COLUMNS}
-        for start in range(0, len(self.objects), TOGETHER):
-            for name, column in columns.items():
-                column.extend(map(attrgetter(name), self.objects[start : start + TOGETHER]))
-        return columns
+        """Of each of :data:`COLUMNS`, the values of all objects."""
+        return {name: [*map(attrgetter(name), self.objects)] for name in COLUMNS}
 
     @cached_property
     def _rows(self) -> Mapping[str, IntArray]:
         codes = {role: code for code, role in enumerate(ROLES)}
         role = np.array([codes[role] for role in self.columns["role"]], dtype=np.int64)
         return {name: read_only(np.flatnonzero(role == code)) for name, code in codes.items()}
-
-    @cached_property
-    def _by_role(self) -> Mapping[str, tuple[SceneObject, ...]]:
-        return {role: self.objects_at(rows) for role, rows in self._rows.items()}
 
     @cached_property
     def target(self) -> SceneObject | None:
@@ -270,12 +262,11 @@ class Scene(Shown, Framed):
     @property
     def taken(self) -> tuple[SceneObject, ...]:
         """What a pick takes: the target; of a truss, then all fruits that hang on its stem."""
-        target = self._by_role["target"]
-        if not (target and self.approach.truss):
-            return target
-        (first,) = target
-        mine = (o for o in self.objects if self.tops.get(o.id) == first.id and o is not first)
-        return (first, *mine)
+        first = self.objects_at(self._rows["target"])
+        if not (first and self.approach.truss):
+            return first
+        others = (o for o in self.objects if self.tops.get(o.id) == first[0].id != o.id)
+        return (*first, *others)
 
     @cached_property
     def tops(self) -> Mapping[str, str]:
@@ -298,20 +289,20 @@ class Scene(Shown, Framed):
         """(3,) end of the tool point at the target [m]; None without a target."""
         return None if self.target is None else self.target.position + self.approach.shift
 
-    @property
+    @cached_property
     def pushables(self) -> tuple[SceneObject, ...]:
         """The objects that may be pushed, in file order."""
-        return self._by_role["pushable"]
+        return self.objects_at(self._rows["pushable"])
 
-    @property
+    @cached_property
     def avoid(self) -> tuple[SceneObject, ...]:
         """The neighbours that only the last link and the tool may touch, in file order."""
-        return self._by_role["avoid"]
+        return self.objects_at(self._rows["avoid"])
 
-    @property
+    @cached_property
     def static(self) -> tuple[SceneObject, ...]:
         """The objects that no part of the robot may touch, in file order."""
-        return self._by_role["static"]
+        return self.objects_at(self._rows["static"])
 
     @cached_property
     def movers(self) -> tuple[tuple[SceneObject, ObjectMotion], ...]:
@@ -331,10 +322,11 @@ class Scene(Shown, Framed):
         return np.array([value is not None for value in values], dtype=np.bool_)
 
     @cached_property
-    def strands(self) -> tuple[IntArray, FloatArray, FloatArray]:
-        """The S straight pieces of all stems; of an unseen stem, those of all likely stems.
+    def strands(self) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+        """The S straight pieces of all stems, as capsules; of unseen stems, of all likely ones.
 
-        Rows (S,) of their objects, ends (S, 2, 3) and radii (S,) [m].
+        Rows (S,) of their objects; middles (S, 3) [m]; rotations (S, 3, 3), local to base; sizes
+        (S, 3) [m]: radius, half length and 0.
         """
         rows, stems = np.flatnonzero(self.hangs), self.columns["stem"]
         held = [(k, one) for k in rows.tolist() for one in stems[k].likely()]
@@ -343,7 +335,10 @@ class Scene(Shown, Framed):
         first = np.delete(np.arange(len(points)), np.cumsum(pieces + 1) - 1)
         owner = np.repeat(np.array([k for k, _ in held], dtype=np.int64), pieces)
         radius = np.repeat(np.array([one.radius for _, one in held]), pieces)
-        return owner, np.stack([points[first], points[first + 1]], axis=1), radius
+        low, high = points[first], points[first + 1]
+        length = np.linalg.norm(high - low, axis=1)
+        size = np.column_stack([radius, 0.5 * length, 0.0 * length])
+        return owner, 0.5 * (low + high), frame_along((high - low) / length[:, None]), size
 
     @property
     def drifting(self) -> dict[str, ObjectMotion]:
@@ -363,34 +358,9 @@ class Scene(Shown, Framed):
         out[turned] = from_quaternion(joined([column[k] for k in turned]).reshape(-1, 4))
         return read_only(out)
 
-    @cached_property
-    def alike(self) -> Alike:
-        """The shapes, those of a class together."""
-        return Alike.of(self.columns["shape"])
-
-    @cached_property
-    def measures(self) -> Measures:
-        """Kinds (N,), sizes (N, 3) and radii (N,) of the shapes, see :class:`Obstacles`."""
-        kind, size, bound = measures(self.alike)
-        return read_only(kind), read_only(size), read_only(bound)
-
-    @property
-    def bounds(self) -> FloatArray:
-        """Radii (N,) of balls about the positions that contain the shapes [m]."""
-        return self.measures[2]
-
     def rows(self, role: Role) -> IntArray:
         """Indices (K,) of the ``objects`` of a role, in ascending order."""
         return self._rows[role]
-
-    def around(self, center: FloatArray, reach: float, role: Role) -> IntArray:
-        """Indices (K,) of the ``objects`` of a role whose bounding balls are within ``reach`` [m]
-        of ``center`` (3,). The objects themselves may be farther away."""
-        rows = self._rows[role]
-        if not len(rows):
-            return rows
-        off = self.positions[rows] - center
-        return np.asarray(rows[lengths(off) - self.bounds[rows] <= reach + _ROUNDING])
 
     def objects_at(self, rows: IntArray) -> tuple[SceneObject, ...]:
         """The ``objects`` at indices (K,)."""
@@ -474,6 +444,20 @@ class Scene(Shown, Framed):
         return self.approach.frame
 
 
+@lru_cache(maxsize=8)
+def measures_of(world: Scene) -> Measures:
+    """Kinds (N,), sizes (N, 3) and radii (N,) of a scene's shapes, see :class:`Obstacles`."""
+    return measures(world.columns["shape"])
+
+
+def rows_around(scene: Scene, center: FloatArray, reach: float, role: Role) -> IntArray:
+    """Indices (K,) of the ``objects`` of a role whose bounding balls are within ``reach`` [m] of
+    ``center`` (3,). The objects themselves may be farther away."""
+    rows, (_, _, bound) = scene.rows(role), measures_of(scene.world)
+    off = scene.positions[rows] - center
+    return np.asarray(rows[lengths(off) - bound[rows] <= reach + _ROUNDING])
+
+
 def obstacles_of(scene: Scene, *roles: Role) -> Obstacles:
     """A scene's objects of ``roles`` (by default all), packed for the kernels, in their order."""
     wanted = roles or ROLES
@@ -488,7 +472,7 @@ def packed(scene: Scene, rows: IntArray, *, reach: float = 0.0, within: float = 
 
     ``reach`` and ``within``: see :func:`optipromp.core.geometry.obstacles.pack`.
     """
-    kind, size, bound = scene.measures
+    kind, size, bound = measures_of(scene.world)
     shapes = [scene.columns["shape"][k] for k in rows.tolist()]
     return packed_shapes(
         shapes, scene.positions[rows], scene.rotations[rows],

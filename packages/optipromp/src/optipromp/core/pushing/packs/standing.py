@@ -25,7 +25,7 @@ from optipromp.core.pushing.path import STEP, ToolPath, stepped, through
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_geometry import hull
 from optipromp.core.robots.tool_protocol import Tool
-from optipromp.core.scenes.scene import Scene, SceneObject
+from optipromp.core.scenes.scene import Scene, SceneObject, measures_of, rows_around
 
 PACK = PUSH.pack
 AMONG = 0.3  # [m] behind the target, within which the arm may meet objects that stand: a choice
@@ -155,8 +155,8 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
     walls, edge, drop = [], -np.inf, 0.0
     thick = float(tool.spheres()[:, 3].max()) + STANDING.low
     bottom = target.extent(frame[0])
-    level = np.abs((scene.positions - target.position) @ frame[0]) - scene.bounds
-    around = scene.around(target.position, STANDING.around, "static")
+    level = np.abs((scene.positions - target.position) @ frame[0]) - measures_of(scene.world)[2]
+    around = rows_around(scene, target.position, STANDING.around, "static")
     for obj in scene.objects_at(around[level[around] < bottom + STANDING.touching]):
         if not isinstance(obj.shape, Box):
             continue
@@ -193,7 +193,7 @@ def plane(scene: Scene, tool: Tool, behind: Sequence[FloatArray] = ()) -> Plane:
 
 def packs(scene: Scene, target: SceneObject) -> tuple[SceneObject, ...]:
     """The pushables that stand around the target, in file order; of too many the nearest."""
-    rows = scene.around(target.position, STANDING.around, "pushable")
+    rows = rows_around(scene, target.position, STANDING.around, "pushable")
     rows = rows[~scene.hangs[rows]]
     if len(rows) > STANDING.most:
         away = np.linalg.norm(scene.positions[rows] - target.position, axis=1)

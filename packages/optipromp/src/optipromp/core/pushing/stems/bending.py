@@ -22,8 +22,10 @@ stem: static condensation of the whole tree. A twist is (t, ω): motion and turn
 A wrench is (f, m) [N, N m].
 """
 
+import itertools
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -32,6 +34,7 @@ from scipy.linalg.lapack import dpbsv
 
 from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.compiled import kernel
+from optipromp.core.geometry.shapes import Capsule, Cone, PointCloudShape, Shape, Sphere
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.scenes.objects import least_stiffness
 from optipromp.core.scenes.scene import SceneObject
@@ -104,16 +107,58 @@ class Balls(NamedTuple):
 
 @lru_cache(maxsize=256)  # by identity: a plan asks several times for each fruit
 def hanging_balls(fruit: SceneObject) -> Balls:
-    """The balls of a fruit along its stem; see :meth:`optipromp.core.geometry.shapes.Shape.balls`.
+    """The balls of a fruit along the line from its centre to its stem's root.
 
-    A fruit without a stem is a single ball that holds it.
+    A capsule and a cone have the balls at their ends; other shapes balls that touch the ends of the
+    mesh along the line. A point cloud, and a fruit without a stem, is a single ball that holds it.
     """
-    if fruit.stem is None:
+    shape, stem = fruit.shape, fruit.stem
+    if stem is None or isinstance(shape, Sphere | PointCloudShape):
         return Balls(fruit.position, fruit.radius, fruit.radius, 0.0)
-    line = fruit.stem.root - fruit.position
-    pair = fruit.shape.balls(fruit.rotation.T @ (line / np.linalg.norm(line)))
-    center = fruit.position + pair.low * (fruit.rotation @ pair.line)
-    return Balls(read_only(center), pair.radius, pair.above, pair.apart)
+    line = stem.root - fruit.position
+    line = fruit.rotation.T @ (line / np.linalg.norm(line))
+    if isinstance(shape, Capsule | Cone):
+        ends = [getattr(shape, "tip", shape.radius), shape.radius]
+        up = 1 if float(line[2]) >= 0.0 else -1
+        line, low, apart = np.array([0.0, 0.0, up]), -0.5 * shape.length, shape.length
+        radius, above = ends[::up]
+    else:
+        low, radius, above, apart = _touching(shape, tuple(line.tolist()))
+    center = fruit.position + low * (fruit.rotation @ line)
+    return Balls(read_only(center), radius, above, apart)
+
+
+def _touching(shape: Shape, line: tuple[float, ...]) -> tuple[float, float, float, float]:
+    with suppress(TypeError):  # a class without a hash is fitted each time
+        hash(shape)
+        return _fitted(shape, line)
+    return _fitted.__wrapped__(shape, line)
+
+
+@lru_cache(maxsize=256)
+def _fitted(shape: Shape, line: tuple[float, ...]) -> tuple[float, float, float, float]:
+    """Balls that touch the ends of a mesh along a ``line`` through its origin: place of the lower
+    ball's centre on the line, both radii, and the distance of the centres [m]. Of 16 radii for each
+    ball: the pair whose hull has the least mean distance from the surface."""
+    points, axis = shape.mesh().vertices, np.array(line)
+    height = points @ axis
+    aside = lengths(points - height[:, None] * axis)
+    low, high, wide = float(height.min()), float(height.max()), float(aside.max())
+    one = 0.5 * (high - low)
+    shares = np.linspace(0.1, 1.0, 16) * min(wide, one)
+    best, fit = np.inf, (0.5 * (low + high), one, one, 0.0)
+    for radius, above in itertools.product(shares, shares):
+        apart = high - low - radius - above
+        if apart <= abs(radius - above) + 1e-9:
+            continue
+        sine = (radius - above) / apart
+        share = (height - low - radius + aside * sine / -np.sqrt(1.0 - sine**2)) / apart
+        share = np.clip(share, 0.0, 1.0)
+        off = np.hypot(aside, height - low - radius - share * apart)
+        error = float(np.abs(off - radius - share * (above - radius)).mean())
+        if error < best:
+            best, fit = error, (low + radius, float(radius), float(above), float(apart))
+    return fit
 
 
 def axis_of(fruit: SceneObject) -> FloatArray:

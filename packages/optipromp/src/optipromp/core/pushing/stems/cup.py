@@ -11,6 +11,7 @@ import numpy as np
 
 from optipromp.core.arrays import FloatArray, lengths
 from optipromp.core.compiled import called, inner, kernel
+from optipromp.core.geometry.shapes import outlines
 from optipromp.core.pushing.parameters import PUSH
 from optipromp.core.robots.model import Robot
 from optipromp.core.robots.tool_protocol import Tool, meets
@@ -98,7 +99,7 @@ def fits(
     Returns: (M,) beside the fruit, (M,) from the floor to the fruit whose centre is at the tool
     point, and (M, 3) from its centre to the middle of its outline.
     """
-    radius, middle, below = fruit.shape.outlines(axes @ fruit.rotation)
+    radius, middle, below = outlines(fruit.shape, axes @ fruit.rotation)
     floor = tool.reach - tool.front - WALL
     return tool.mouth[0] - radius, floor - below, middle @ fruit.rotation.T
 

@@ -39,7 +39,7 @@ from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool, finger_width
 from optipromp.core.robots.tools import WALL, cone_of
 from optipromp.core.scenes.objects import UNSEEN_SPREAD
-from optipromp.core.scenes.scene import Scene, SceneObject, packed
+from optipromp.core.scenes.scene import Scene, SceneObject, packed, rows_around
 
 HANGING = PUSH.hanging
 BEAM = PUSH.beam
@@ -235,9 +235,8 @@ class Hanging(PushModel):
         cup = Mouth(*walls, NECK_RADIUS, *flange, *fingers_of(scene, tool))
         self.cup = cup._replace(cone=cone_of(tool))
         where = target.position, HANGING.around
-        self.static, avoid = (
-            near(packed(scene, scene.around(*where, role)), *where) for role in ("static", "avoid")
-        )
+        rows = (rows_around(scene, *where, role) for role in ("static", "avoid"))
+        self.static, avoid = (near(packed(scene, each), *where) for each in rows)
         fruits = (target, *_hanging(scene, target, neighbours))
         hidden = any(fruit.stem is not None and fruit.stem.unseen for fruit in fruits)
         detected = hidden or any(fruit.covariance is not None for fruit in fruits)
@@ -502,7 +501,7 @@ def _hanging(
     def away(obj: SceneObject) -> float:
         return math.dist(obj.position, target.position)
 
-    around = scene.objects_at(scene.around(target.position, HANGING.around, "pushable"))
+    around = scene.objects_at(rows_around(scene, target.position, HANGING.around, "pushable"))
     others = [o for o in around if o.stem and o.id not in known and away(o) < HANGING.around]
     others = sorted(others, key=away)[: HANGING.most - len(known)]
     hanging = [fruit for fruit in neighbours if fruit.stem is not None]
