@@ -24,6 +24,20 @@ def invoke(*words: object) -> Any:
     return CliRunner().invoke(app, [*map(str, words)])
 
 
+def told(*words: object, code: int = 0) -> Any:
+    """The document that a command prints under --json, which ends with a code."""
+    done = invoke(*words, "--json")
+    assert done.exit_code == code, done.output
+    return read(done.stdout)
+
+
+def refused(*words: object) -> str:
+    """What a command says that refuses its input, in one line."""
+    done = invoke(*words)
+    assert done.exit_code == 2, done.output
+    return " ".join(done.output.split())
+
+
 def call(*words: object) -> tuple[int, str, str]:
     """The exit code, and what is printed to standard output and to standard error."""
     result = invoke(*words)

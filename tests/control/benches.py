@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 import numpy as np
+from tests.simulation.eyes import truth
 
 from optipromp.core.arrays import FloatArray
 from optipromp.core.execution.executor import standing
@@ -14,7 +15,7 @@ from optipromp.core.scenes.scene import Scene
 from optipromp.core.trajectory import State
 from optipromp_loop.control.controller import Controller
 from optipromp_loop.control.stages import AFTER, LoopStage
-from optipromp_sim.simulation.detector import DETECTORS, Detector, Eye, Truth
+from optipromp_sim.simulation.detector import DETECTORS, Detector, Eye
 
 Moves = Callable[[float], FloatArray]
 """Of a time [s]: the displacement (3,) of all fruits [m]."""
@@ -72,21 +73,16 @@ def pick(
     filtered: Callable[[tuple[Look, ...]], Iterable[Look]] = tuple,
 ) -> Picked:  # fmt: skip
     """Let a controller pick in a true scene; ``filtered``: what becomes of delivered looks."""
-    fruits = [item for item in scene.objects if item.role != "static"]
-    places = np.array([item.position for item in fruits])
-    turns = np.array([item.rotation for item in fruits])
-    stems = [np.zeros((0, 3)) if o.stem is None else o.stem.points[::-1] for o in fruits]
-    done, period = Picked(controller), controller.parameters.period
+    done, period, fruits = Picked(controller), controller.parameters.period, truth(scene)
     line = Line.of(standing(controller.robot, posed(scene)[1]))
     for k in range(round(longest / period)):
         done.time = now = period * k
         reference = line.at(now)
         done.references.append(reference)
         by = moves(now)
-        truth = Truth(
-            tuple(o.id for o in fruits), places + by, turns, tuple(one + by for one in stems)
-        )
-        eye.see(now, reference.q, truth)
+        stems = tuple(stem + by for stem in fruits.stem_ends)
+        there = fruits._replace(positions=fruits.positions + by, stem_ends=stems)
+        eye.see(now, reference.q, there)
         for look in filtered(eye.delivered(now)):
             controller.see(look)
         stretch = controller(now, reference, reference)

@@ -25,6 +25,14 @@ def header(stamp: int, frame: str = FRAME) -> Message:
     return message("std_msgs/msg/Header", stamp=time_message(stamp), frame_id=frame)
 
 
+def states(names, q, stamp: int = 0, velocity=()) -> Message:
+    """A ``JointState``, as most drivers send it: without efforts; ``stamp`` 0: without a stamp."""
+    return message(
+        "sensor_msgs/msg/JointState", header=header(stamp, ""), name=names, position=q,
+        velocity=velocity,
+    )  # fmt: skip
+
+
 def image(pixels: np.ndarray, encoding: str, stamp: int, *, spare: int = 0, big: bool = False):
     """An ``Image``; ``spare`` bytes fill up each row."""
     rows = np.ascontiguousarray(pixels.astype(pixels.dtype.newbyteorder(">" if big else "<")))

@@ -1,14 +1,12 @@
 """A bench of one arm."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes.scene import Scene, SceneObject, Stem, ToolSpec
 from optipromp.core.trajectory import Trajectory
-from optipromp_sim.simulation import SimulationParameters
+from optipromp_sim.simulation import SimulationParameters, simulate
 from optipromp_sim.simulation.steps import Execution
 from optipromp_sim.simulation.world import build
 
@@ -27,6 +25,14 @@ VECTORS = (("x", "base", "1 0 0"), ("y", "lx", "0 1 0"), ("z", "ly", "0 0 1"))
 
 
 MOUTH = 0.13  # tool point above the flange: 0.10 + 0.05 - 0.02
+
+
+def clean(made, **more):
+    """The run of a plan that succeeds, which harms nothing."""
+    assert made.success, made.message
+    run = simulate(made, **more)
+    assert run.success, run.outcome.message
+    return run
 
 
 class Bench:
@@ -74,8 +80,4 @@ class Bench:
 
     def parameters(self, **groups):
         """The defaults with some changed, by group."""
-        default = SimulationParameters()
-        return replace(
-            default,
-            **{name: replace(getattr(default, name), **new) for name, new in groups.items()},
-        )
+        return SimulationParameters().changed(**groups)

@@ -1,7 +1,6 @@
 """A pick in closed loop among swaying fruits, made once."""
 
 import functools
-from dataclasses import replace
 
 from optipromp_loop.control.controller import Controller
 from optipromp_sim.generate import generate
@@ -21,8 +20,8 @@ SWAY = 0.01  # [m]
 @functools.cache
 def swaying() -> Loop:
     """One pick of a cluster that sways."""
-    scene, given = generate("cluster", 105), SimulationParameters()
-    given = replace(given, disturbance=replace(given.disturbance, sway=SWAY))
+    scene = generate("cluster", 105)
+    given = SimulationParameters().changed(disturbance={"sway": SWAY})
     controller = Controller(scene)
     eye = Eye(Detector(scene, controller.robot, DETECTORS["zero-mean"], 105))
     return closed_loop(Simulation(scene, 105, given), controller, eye)

@@ -1,12 +1,11 @@
 """Several pictures of one scene as one."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import told
 from tests.perception.shots import SEED, written
 
 from optipromp import load_scene
@@ -121,9 +120,7 @@ def test_no_picture_is_refused() -> None:
 def test_see_writes_one_scene_of_a_folder(shots: list[Photograph], tmp_path: Path) -> None:
     written(tmp_path, a=shots[0].picture, b=shots[1].picture)
     save_scene(shots[0].scene, tmp_path / "a.yaml")
-    told = invoke("see", tmp_path, "--together", "--json")
-    assert told.exit_code == 0, told.output
-    record = json.loads(told.output)["together"]
+    record = told("see", tmp_path, "--together")["together"]
     views = [fruit["views"] for fruit in record["fruits"]]
     assert set(views) <= {1, 2}
     assert views.count(2) >= len(views) - 1

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import invoke, refused, told
 from tests.loaded import script
 from tests.perception.shots import SEED, shot_of, written
 
@@ -20,16 +20,10 @@ from optipromp_sim.simulation.photograph import Photograph, StereoParameters, ph
 STUDY, COCO = script("studies/eyes"), script("coco")
 
 
-def run(*words: object) -> str:
-    done = invoke(*words)
-    assert done.exit_code == 0, done.output
-    return done.stdout
-
-
 @pytest.fixture(scope="module")
 def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pictures")
-    run("render", "--preset", "cluster", "--seeds", f"{SEED}:{SEED + 1}", "--out", folder)
+    told("render", "--preset", "cluster", "--seeds", f"{SEED}:{SEED + 1}", "--out", folder)
     return folder
 
 
@@ -39,8 +33,7 @@ def shot() -> Photograph:
 
 
 def test_from_a_picture_to_a_plan(pictures: Path, tmp_path: Path) -> None:
-    document = json.loads(run("see", pictures, "--out", tmp_path, "--json"))
-    (record,) = document["pictures"]
+    (record,) = told("see", pictures, "--out", tmp_path)["pictures"]
     true, seen = load_scene(pictures / f"cluster-{SEED}.yaml"), load_scene(record["scene"])
     assert np.linalg.norm(seen.target.position - true.target.position) < 0.01
     assert len(seen.pushables) == len(true.pushables)
@@ -50,8 +43,7 @@ def test_from_a_picture_to_a_plan(pictures: Path, tmp_path: Path) -> None:
     plain = np.asarray(Image.open(pictures / f"cluster-{SEED}.rgb.png"))
     assert overlay.shape == plain.shape
     assert (overlay != plain).any()
-    plan = json.loads(run("plan", record["scene"], "--json"))
-    assert plan["status"] == "success"
+    assert told("plan", record["scene"])["status"] == "success"
 
 
 def test_a_detector_that_ran_elsewhere_sees_by_its_file(pictures: Path, tmp_path: Path) -> None:
@@ -61,50 +53,45 @@ def test_a_detector_that_ran_elsewhere_sees_by_its_file(pictures: Path, tmp_path
     for each in document["annotations"]:
         each["score"] = 0.5 if each["category_id"] == ripe else 0.9
     (tmp_path / "found.json").write_text(json.dumps(document))
-    words = ("see", pictures, "--boxes", tmp_path / "found.json", "--out", tmp_path, "--json")
-    (record,) = json.loads(invoke(*words).stdout)["pictures"]
+    words = "see", pictures, "--boxes", tmp_path / "found.json", "--out", tmp_path
+    (record,) = told(*words, code=1)["pictures"]
     assert record["scene"] is None  # ripe with a probability of 0.5
     assert {fruit["score"] for fruit in record["fruits"]} == {0.5, 0.9}
     assert all(0.5 < fruit["fit"] <= 1.0 for fruit in record["fruits"])
-    refused = invoke(*words, "--finder", "geometry")
-    assert refused.exit_code == 2
-    assert "--boxes goes without --finder" in " ".join(refused.output.split())
+    assert "--boxes goes without --finder" in refused(*words, "--finder", "geometry")
     kinds = [k["id"] for k in document["categories"] if k["name"] in ("ripe", "unripe")]
     fruits = [each for each in document["annotations"] if each["category_id"] in kinds]
     document["annotations"] = [{**each, "segmentation": None, "score": 0.9} for each in fruits]
     document["images"][0]["file_name"] = f"frames/cluster-{SEED}.JPG"
     (tmp_path / "found.json").write_text(json.dumps(document))
-    (record,) = json.loads(run(*words))["pictures"]
+    (record,) = told(*words)["pictures"]
     assert any(fruit["stem_seen"] for fruit in record["fruits"])  # by its colour
-    for key, field, told in (
+    for key, field, message in (
         ("images", "file_name", f"has no image 'cluster-{SEED}', but ['kumquat']"),
         ("categories", "name", "the classes are ['kumquat']; rename its categories: ripe, unripe"),
     ):
         other = {**document, key: [{**each, field: "kumquat"} for each in document[key]]}
         (tmp_path / "found.json").write_text(json.dumps(other))
-        assert told in json.loads(invoke(*words).stdout)["message"]
+        assert message in told(*words, code=2)["message"]
 
 
 def test_what_is_seen_is_of_the_crop_that_is_named(pictures: Path, tmp_path: Path) -> None:
     """The preset's fruits of 30 to 40 mm are strawberries, and no tomatoes."""
-    told = {}
+    others = {}
     for name in ("strawberry", "tomato"):
-        document = json.loads(
-            run("see", pictures, "--crop", name, "--out", tmp_path / name, "--json")
-        )
-        (record,) = document["pictures"]
+        (record,) = told("see", pictures, "--crop", name, "--out", tmp_path / name)["pictures"]
         assert load_scene(record["scene"]).crop.name == name
-        told[name] = [words for words in record["assumed"] if "of another width" in words]
-    assert told["strawberry"] == []
-    assert "of another width than a tomato, 60 mm: " in told["tomato"][0]
+        others[name] = [words for words in record["assumed"] if "of another width" in words]
+    assert others["strawberry"] == []
+    assert "of another width than a tomato, 60 mm: " in others["tomato"][0]
 
 
 def test_files_of_one_picture_give_the_scene_of_the_folder(pictures: Path, tmp_path: Path) -> None:
     name = pictures / f"cluster-{SEED}"
-    run("see", pictures, "--out", tmp_path)
+    told("see", pictures, "--out", tmp_path)
     picture = load_picture(*(Path(f"{name}{end}") for end in ENDS))
     np.savez(tmp_path / "depth.npz", depth=picture.depth)
-    run(
+    told(
         "see", "--rgb", f"{name}.rgb.png", "--depth", tmp_path / "depth.npz", "--camera",
         f"{name}.camera.json", "--known", f"{name}.yaml", "--out", tmp_path / "one.yaml",
     )  # fmt: skip
@@ -135,19 +122,19 @@ def test_masks_and_depth_are_where_the_fruits_are(shot: Photograph) -> None:
 
 
 def test_eyes_find_what_the_truth_says(shot: Photograph) -> None:
-    told = STUDY.figures([STUDY.compared(shot)])
-    assert told["recall"] == 1.0
-    assert told["false"] == 0
-    assert told["kind_right"] == 1.0
-    assert told["center_90_mm"] < 8.0
-    assert told["angle_mean_deg"] < 8.0
+    figures = STUDY.figures([STUDY.compared(shot)])
+    assert figures["recall"] == 1.0
+    assert figures["false"] == 0
+    assert figures["kind_right"] == 1.0
+    assert figures["center_90_mm"] < 8.0
+    assert figures["angle_mean_deg"] < 8.0
 
 
 def test_a_palm_camera_sees_what_is_below_the_target() -> None:
-    told = STUDY.figures([STUDY.compared(photograph(generate("cluster", SEED), "palm", SEED))])
-    assert told["visible"] >= 2
-    assert told["recall"] == 1.0
-    assert told["center_90_mm"] < 10.0
+    figures = STUDY.figures([STUDY.compared(photograph(generate("cluster", SEED), "palm", SEED))])
+    assert figures["visible"] >= 2
+    assert figures["recall"] == 1.0
+    assert figures["center_90_mm"] < 10.0
 
 
 def test_an_unseen_stem_is_upright_and_said(shot: Photograph) -> None:
@@ -181,7 +168,7 @@ def test_pictures_round_trip(shot: Photograph, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("words", "told"),
+    ("words", "why"),
     [(["see"], "--rgb"), (["see", "nowhere"], "no such folder"), (["see", "."], "no pictures"),
      (["see", "--rgb", "a.png"], "--depth and --camera"),
      (["render", "--out", "o"], "--preset"), (["render", "scenario-3", "--preset", "field",
@@ -189,22 +176,19 @@ def test_pictures_round_trip(shot: Photograph, tmp_path: Path) -> None:
      (["render", "scenario-3", "--seeds", "3", "--out", "o"], "0:10")],
 )  # fmt: skip
 def test_what_is_asked_wrongly_is_said(
-    words: list[str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    words: list[str], why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    done = invoke(*words)
-    assert done.exit_code == 2
-    assert told in done.output
+    assert why in refused(*words)
 
 
 def test_see_tells_what_it_doubts(tmp_path: Path) -> None:
     shown = shot_of(SEED + 1).picture
     late = replace(shown, depth=np.roll(shown.depth, 18, 1))
     folder = written(tmp_path, late=late)
-    shown = [invoke("see", folder, *more) for more in (["--json"], [])]
-    (record,) = json.loads(shown[0].stdout)["pictures"]
+    (record,) = told("see", folder, code=1)["pictures"]
     assert any("not registered to the colours" in doubt for doubt in record["doubts"])
-    assert "doubt: edges of depth lie" in " ".join(shown[1].stdout.split())
+    assert "doubt: edges of depth lie" in " ".join(invoke("see", folder).stdout.split())
 
 
 @pytest.mark.parametrize(
@@ -219,10 +203,8 @@ def test_depths_in_other_units_are_named_where_no_fruit_is_seen(
     picture = shot.picture
     np.savez(tmp_path / "a.npz", depth=factor * picture.depth)
     rgb, _, camera = (written(tmp_path, a=picture) / f"a{end}" for end in ENDS)
-    words = ("see", "--rgb", rgb, "--depth", tmp_path / "a.npz", "--camera", camera, "--json")
-    done = invoke(*words)
-    (record,) = json.loads(done.stdout)["pictures"]
-    assert done.exit_code == 1
+    words = "see", "--rgb", rgb, "--depth", tmp_path / "a.npz", "--camera", camera
+    (record,) = told(*words, code=1)["pictures"]
     assert record["scene"] is None
     assert record["message"].startswith("no ripe fruit is seen")
     assert said in record["message"]

@@ -158,13 +158,14 @@ def test_an_equal_picture_of_a_camera_that_stands_counts(scene: Scene) -> None:
     assert watch.news == []
 
 
-def test_a_push_stops_while_pictures_stand_still_and_goes_on(scene: Scene) -> None:
-    done = looked(scene, frozen=0.5)
+@pytest.mark.parametrize("frozen", [0.15, 0.5])
+def test_a_push_stops_while_pictures_stand_still_and_goes_on(scene: Scene, frozen: float) -> None:
+    done = looked(scene, frozen=frozen)
     assert done.stages == USUAL
     robot, stopped, resumed = done.controller.robot, *done.controller.noticed
     speeds = [np.abs(state.velocity / robot.velocity).max() for state in done.references]
     began, ended = (round(event.time / CONTROL.period) for event in (stopped, resumed))
-    assert min(speeds[began : ended + 5]) < 1e-6 < 0.005 < speeds[began]
+    assert frozen < 0.5 or min(speeds[began : ended + 5]) < 1e-6 < 0.005 < speeds[began]
     assert done.nearest(scene) < 0.012
 
 
@@ -176,13 +177,6 @@ def test_a_push_is_broken_off_where_pictures_stand_still_for_long(scene: Scene) 
     assert told == [
         "the camera's picture stands still while the camera moves", "the camera's pictures go on",
     ]  # fmt: skip
-    assert done.nearest(scene) < 0.012
-
-
-def test_a_short_stop_of_the_pictures_breaks_nothing_off(scene: Scene) -> None:
-    done = looked(scene, frozen=0.15)
-    assert done.stages == USUAL
-    assert len(noticed(done)) == 2
     assert done.nearest(scene) < 0.012
 
 

@@ -5,20 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from optipromp.core import judging
 from optipromp.core.arrays import FloatArray
 from optipromp.core.geometry.shapes import Sphere
 from optipromp.core.planning import Plan, plan
-from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.scene import Scene, SceneObject
-from optipromp.core.trajectory import State, Trajectory
+from optipromp.core.trajectory import State
 from optipromp_loop.control import Tracker
-from optipromp_loop.control.courses import Displacement, Route, follow, path_back
+from optipromp_loop.control.courses import Route, path_back
 from optipromp_loop.control.driver import Driver
 from optipromp_loop.control.parameters import CONTROL
 from optipromp_loop.control.picks import to_camera_point
 from optipromp_loop.control.tracker import Tracked
 from optipromp_sim.generate import generate
+from optipromp_sim.simulation.records import used
 
 LEAD = CONTROL.lead
 
@@ -45,11 +44,6 @@ def driver(made: Plan, scene: Scene | None = None) -> Driver:
     return Driver(scene or made.scene, made.robot, start, CONTROL)
 
 
-def shares(robot: Robot, curve: Trajectory) -> float:
-    limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
-    return float((judging.extremes(curve).largest / limits).max())
-
-
 def test_among_fruits_that_hang_still_nothing_takes_over_after_the_first(made: Plan) -> None:
     drive, route, tracked = driver(made), Route.of(made), seen(made.scene)
     assert drive.rests(0.0)
@@ -74,7 +68,7 @@ def test_a_plant_that_moved_asks_for_another_course(made: Plan) -> None:
     assert drive.go_on(now, seen(made.scene, small)) is None
     after = drive.go_on(now, seen(made.scene, large))
     assert after.at(after.begins).near(before.at(after.begins), 1e-9)
-    assert shares(made.robot, after.curve) <= 1.0
+    assert max(used(made.robot, after.curve).values()) <= 1.0
     end, _ = made.robot.tool_pose(after.curve.positions[-1])
     planned, _ = made.robot.tool_pose(made.trajectory.positions[-1])
     assert end - planned == pytest.approx(large, abs=2e-4)
@@ -118,36 +112,6 @@ def test_a_course_never_swings_past_the_end_of_its_path(made: Plan) -> None:
     assert found >= 3
 
 
-def test_the_tool_keeps_to_a_path_that_is_moved_anew_at_each_look(made: Plan) -> None:
-    """Twenty times a second a plant that sways by 20 mm is seen with errors of 3 mm."""
-    route, now, off = Route.of(made), 0.0, list[float]()
-    rng, place = np.random.default_rng(5), route.points[-1:]
-    course = follow(route, 0.0, State(made.trajectory.positions[0]), now, at_rest(place))
-    assert course is not None
-    while course.phase_at(now) < route.duration:
-        now += 0.05
-        error = rng.normal(0.0, 0.003, 3)
-        field = Displacement(place, lambda times, e=error: (swaying(times) + e)[:, None])
-        phase, state = course.phase_at(now), course.at(now)
-        rows = made.trajectory.sample(phase)[0]
-        wanted = made.robot.tool_pose(rows)[0][0] + swaying(np.array([now]))[0]
-        if phase > route.approach + 0.3:  # [s] of the first blend
-            off.append(float(np.linalg.norm(made.robot.tool_pose(state.q)[0] - wanted)))
-        course = follow(route, phase, state, now, field) or course
-    assert len(off) > 20
-    assert max(off) < 0.01
-    assert np.mean(off) < 0.005
-
-
-def swaying(times: FloatArray) -> FloatArray:
-    """Displacement (M, 3) of a plant that sways by 20 mm, 0.9 times a second [m]."""
-    return np.outer(np.sin(2.0 * np.pi * 0.9 * times), [0.02, 0.0, 0.0])
-
-
-def at_rest(place: FloatArray) -> Displacement:
-    return Displacement(place, lambda times: np.zeros((len(times), 1, 3)))
-
-
 def test_a_path_that_is_not_moved_with_the_plant_stays_as_it_is(made: Plan) -> None:
     drive, ahead = driver(made), to_camera_point(made)
     assert ahead is not None
@@ -163,7 +127,7 @@ def test_a_braked_arm_comes_to_rest_and_then_waits_where_it_is_in_its_route(made
     assert before.at(at).moving
     braked = drive.brake(at)
     assert braked.at(at).near(before.at(at), 1e-9)
-    assert shares(made.robot, braked.curve) <= 1.0 + 1e-6
+    assert max(used(made.robot, braked.curve).values()) <= 1.0 + 1e-6
     last = braked.at(at + braked.curve.duration)
     assert np.abs([last.velocity, last.acceleration]).max() < 1e-9
     rest = at + braked.curve.duration
@@ -220,7 +184,7 @@ def test_the_way_back_leads_through_its_points_at_its_speed(made: Plan) -> None:
     back = path_back(made.robot, q, 0.1)
     assert np.array_equal(back.positions[0], q[0])
     assert np.array_equal(back.positions[-1], q[-1])
-    assert shares(made.robot, back) <= 1.0
+    assert max(used(made.robot, back).values()) <= 1.0
     times = np.arange(0.0, back.duration, 2e-3)
     points, _ = made.robot.tool_pose(back.sample(times)[0])
     passed, _ = made.robot.tool_pose(q)

@@ -13,6 +13,7 @@ from optipromp.core.scenes.objects import SceneObject, Stem
 from optipromp_loop.control import Tracker
 from optipromp_loop.control.tracks import Frame, Track, TrackerParameters, new_track
 from optipromp_sim.generate.generator import generate
+from optipromp_sim.simulation import Simulation, SimulationParameters
 
 
 def hung() -> Track:
@@ -62,10 +63,9 @@ def test_a_fruit_swings_as_a_pendulum_on_an_elastic_stem() -> None:
 
 def test_fruits_swing_in_the_simulation_as_their_tracks_say() -> None:
     """Two fruits, after their roots were moved at once; periods between rises through the mean."""
-    simulation = pytest.importorskip("optipromp_sim.simulation")
-    scene, whole = generate("cluster", 200), simulation.SimulationParameters()
-    jump = replace(whole.disturbance, jump=0.01, jump_at=0.05)
-    run, places = simulation.Simulation(scene, 200, replace(whole, disturbance=jump)), []
+    scene, places = generate("cluster", 200), []
+    jump = SimulationParameters().changed(disturbance={"jump": 0.01, "jump_at": 0.05})
+    run = Simulation(scene, 200, jump)
     while run.time < 3.0:
         run.step(run.reference)
         places.append(run.fruits().positions[:2])

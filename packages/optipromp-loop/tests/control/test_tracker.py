@@ -1,5 +1,8 @@
 """The tracker on plants that it does not model: errors, consistency."""
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pytest
 from tests.control.plants import (
@@ -16,6 +19,7 @@ from tests.control.plants import (
 from optipromp.core.arrays import FloatArray
 from optipromp.core.scenes.objects import SceneObject
 from optipromp_loop.control import Innovations, Look, Tracker, TrackerParameters
+from optipromp_loop.control.tracker import Tracked
 
 STILL = TrackerParameters(sway=0.0, swing=0.0, drift=0.0, steady=0.0)
 LATENCY = 0.06
@@ -26,17 +30,22 @@ def squares(off: FloatArray, covariance: FloatArray) -> FloatArray:
     return (off * np.linalg.solve(covariance, off[..., None])[..., 0]).sum(axis=1)
 
 
-def errors(seed: int, frequencies: FloatArray) -> FloatArray:
-    """Errors of predicted positions from 2 to 6 s, with the latency [m]."""
+def followed(
+    seed: int, frequencies: list[float], since: float, until: float, later: float = LATENCY,
+    eye: Eye = FIELD, given: TrackerParameters | None = None,
+) -> Iterator[tuple[Tracked, FloatArray]]:  # fmt: skip
+    """Of a plant that sways: what is tracked, and the truth, so much ``later`` than each look."""
     rng = np.random.default_rng(seed)
-    plant = swaying(rng, 8, 0.020, frequencies)
-    tracker, found = Tracker(empty()), []
-    for each in looks(plant, rng, FIELD, 6.0):
+    plant, tracker = swaying(rng, 8, 0.020, np.array(frequencies)), Tracker(empty(), given)
+    for each in looks(plant, rng, eye, until):
         tracker.add(each)
-        if each.time >= 2.0:
-            now = each.time + LATENCY
-            found.append(nearest(tracker.at(now), plant.at(now))[1])
-    return np.concatenate(found)
+        if each.time >= since:
+            yield tracker.at(each.time + later), plant.at(each.time + later)
+
+
+def errors(*which: Any) -> FloatArray:
+    """Of all predicted positions [m]."""
+    return np.concatenate([nearest(*pair)[1] for pair in followed(*which)])
 
 
 @pytest.mark.parametrize(
@@ -44,7 +53,7 @@ def errors(seed: int, frequencies: FloatArray) -> FloatArray:
     [([0.5], 0.0038, 0.007), ([1.6], 0.0045, 0.008), ([0.41, 0.61, 1.34], 0.004, 0.007)],
 )
 def test_where_a_swaying_fruit_is_now(frequencies: list[float], median: float, most: float) -> None:
-    away = errors(1, np.array(frequencies))
+    away = errors(1, frequencies, 2.0, 6.0)
     assert np.median(away) < median
     assert np.quantile(away, 0.9) < most
 
@@ -53,15 +62,8 @@ def test_a_sway_seen_for_long_is_foreseen() -> None:
     """0.4 s ahead after 8 s: amplitudes that follow what is seen find the one frequency."""
 
     def ahead(learning: float) -> float:
-        rng = np.random.default_rng(3)
-        plant = swaying(rng, 8, 0.020, np.array([0.5]))
-        tracker, found = Tracker(empty(), TrackerParameters(learning=learning)), []
-        for each in looks(plant, rng, Eye(), 10.0):
-            tracker.add(each)
-            if each.time >= 8.0:
-                then = each.time + 0.4
-                found.append(nearest(tracker.at(then), plant.at(then))[1])
-        return float(np.median(np.concatenate(found)))
+        given = TrackerParameters(learning=learning)
+        return float(np.median(errors(3, [0.5], 8.0, 10.0, 0.4, Eye(), given)))
 
     learnt = ahead(TrackerParameters().learning)
     assert learnt < 0.005  # a sway of fruits that do not swing on their stems
@@ -111,14 +113,8 @@ def test_a_steady_share_of_the_error_stays_in_the_covariance() -> None:
 
 
 def test_covariances_of_a_moving_plant_cover_the_errors() -> None:
-    rng = np.random.default_rng(9)
-    plant = swaying(rng, 8, 0.020, np.array([0.4, 0.9, 1.5]))
-    tracker, found = Tracker(empty()), []
-    for each in looks(plant, rng, FIELD, 5.0):
-        tracker.add(each)
-        if each.time > 2.0:
-            tracked = tracker.at(each.time + LATENCY)
-            truth = plant.at(each.time + LATENCY)
-            rows, _ = nearest(tracked, truth)
-            found.append(squares(tracked.positions[rows] - truth, tracked.covariance[rows]))
+    found = []
+    for tracked, truth in followed(9, [0.4, 0.9, 1.5], 2.01, 5.0):
+        rows, _ = nearest(tracked, truth)
+        found.append(squares(tracked.positions[rows] - truth, tracked.covariance[rows]))
     assert 0.3 < np.mean(found) < 3.5

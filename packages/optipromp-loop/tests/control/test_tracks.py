@@ -28,26 +28,15 @@ from optipromp_sim.generate.generator import generate
 from optipromp_sim.generate.noise import Noise, noisy
 
 
-def test_a_fruit_that_appears_is_confirmed_by_its_third_look() -> None:
+def test_a_fruit_is_confirmed_by_its_third_look_and_what_was_found_once_is_none() -> None:
     rng, plant, tracker = np.random.default_rng(2), still(5), Tracker(empty())
+    once = np.array([[0.5, 0.1, 0.42]])
     for k in range(13):
-        count = 4 if k < 10 else 5
-        tracker.add(look(0.05 * k, plant.rest[:count], rng, Eye()))
-        confirmed = tracker.at(0.05 * k).confirmed
-        assert confirmed.sum() == (5 if k == 12 else 4)
-    assert len(tracker.at(0.6).ids) == 5
-
-
-def test_what_was_found_once_is_no_fruit() -> None:
-    rng, plant, tracker = np.random.default_rng(2), still(4), Tracker(empty())
-    for k in range(8):
-        places = plant.rest
-        if k == 3:
-            places = np.concatenate([places, [[0.5, 0.1, 0.42]]])
-        tracker.add(look(0.05 * k, places, rng, Eye()))
+        places = plant.rest[: 4 if k < 10 else 5]
+        tracker.add(look(0.05 * k, np.concatenate([places, once[: k == 3]]), rng, Eye()))
         tracked = tracker.at(0.05 * k)
-        assert tracked.confirmed.sum() == 4
-        assert len(tracked.ids) == (5 if 3 <= k < 6 else 4)
+        assert tracked.confirmed.sum() == (5 if k == 12 else 4)
+        assert len(tracked.ids) == (5 if 3 <= k < 6 or k >= 10 else 4)
 
 
 def test_a_fruit_that_is_gone_dies_and_one_out_of_sight_does_not() -> None:

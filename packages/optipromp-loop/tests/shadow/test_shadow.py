@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 from scripts.shadow_picks import Done, record
-from typer.testing import CliRunner
+from tests.cli.fixtures import told
 
 from optipromp import parts, plan, plan_pick, save_scene
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.measured import Measured, Series
@@ -53,11 +52,8 @@ def shadow(folder: Path) -> Shadow:
     """What the command answers about the recording after a change of its document."""
 
     def run(*words: str, code: int = 0, **change: object) -> dict[str, Any]:
-        asked = ["shadow", str(changed(folder, **change)), "--known", str(folder / "cell.yaml")]
-        result = CliRunner().invoke(app, [*asked, "--json", *words])
-        assert result.exit_code == code, result.output
-        found: dict[str, Any] = json.loads(result.stdout)
-        return found
+        asked = "shadow", changed(folder, **change), "--known", folder / "cell.yaml"
+        return dict(told(*asked, *words, code=code))
 
     return run
 

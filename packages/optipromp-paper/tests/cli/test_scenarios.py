@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke
 
-from optipromp.cli.main import app
 from optipromp.core.planning import plan
 from optipromp.core.scenes import load_scene
 from optipromp_paper import scenarios
@@ -83,7 +82,7 @@ def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:
 def test_scenarios_end_as_in_the_paper(scenario_rows, tmp_path, monkeypatch):
     """The rows are those of the session: the command would make the same."""
     monkeypatch.setattr(scenarios, "run_scenarios", lambda **_: scenario_rows)
-    done = CliRunner().invoke(app, ["scenarios", "--json"])
+    done = invoke("scenarios", "--json")
     found = json.loads(done.stdout, parse_constant=pytest.fail)
     rows = {row["case"]: row for row in found["scenarios"]}
     assert done.exit_code == 0
@@ -117,7 +116,7 @@ def test_scenarios_end_as_in_the_paper(scenario_rows, tmp_path, monkeypatch):
     assert rows["paper-4"]["M_c_joints"] >= rows["paper-4"]["paper"]["M_c"]
     assert {item["term"] for item in rows["4-sequential"]["reductions"]} == {"static", "push"}
     monkeypatch.setattr(scenarios, "run_scenarios", lambda **_: scenario_rows[:1])
-    CliRunner().invoke(app, ["scenarios", "--json", "--out", str(tmp_path)])
+    invoke("scenarios", "--json", "--out", str(tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["scenario-1-plain"]
     assert (tmp_path / "scenario-1-plain" / "reach.png").is_file()
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.ros.camera_messages import frames, header, sent
+from tests.ros.camera_messages import frames, header, sent, states
 from tests.ros.curves import Curves
 from tests.ros.looks import EPOCH, SIGMA, array, array_of, seen
 
@@ -43,13 +43,6 @@ CLASSES = DetectionParameters(
     roles={"ripe": "target", "unripe": "pushable", "unripe-bare": "pushable"},
     stems=("ripe", "unripe"),
 )
-
-
-def joints(state, stamp):
-    return message(
-        "sensor_msgs/msg/JointState", header=header(stamp, ""), name=NAMES, position=state.q,
-        velocity=state.velocity,
-    )  # fmt: skip
 
 
 def felt(pose, wrench, stamp):
@@ -96,7 +89,7 @@ class Told:
         was = EPOCH + (round(self.shift * 1e9) if since > SET else 0)  # the stamp of time 0
         stamp = was + round(now * 1e9)
         if not self.silent(since):
-            loop.heard(sent(joints(state, stamp)))
+            loop.heard(sent(states(NAMES, state.q, stamp, state.velocity)))
             sensor = tool_frame(loop.controller.robot, state.q) @ self.camera
             loop.heard(sent(felt(sensor, pick.arena.wrench(), stamp)))
         for look in pick.looks:
@@ -199,7 +192,7 @@ def test_a_curve_that_does_not_meet_the_running_one_is_not_sent() -> None:
     loop = PickLoop(SCENE, controller=Leaping(without_fruits(SCENE)), prefix="fr3_")
     for k, level in enumerate((0, 1, 0)):
         now = EPOCH + 20_000_000 * k
-        loop.heard(joints(START, now))
+        loop.heard(states(NAMES, START.q, now))
         curve = loop.tick(now)
         status = loop.status()
         assert int(status.level) == level, status.message
@@ -246,7 +239,7 @@ def test_wrong_detections_are_named() -> None:
     with pytest.raises(InvalidSceneError, match="finite"):
         read_detections(array(seen("ripe", [0, np.nan, 1])), known)
     with pytest.raises(InvalidRequestError, match="is no look"):
-        read_detections(joints(START, EPOCH), known)
+        read_detections(states(NAMES, START.q, EPOCH), known)
     with pytest.raises(InvalidRequestError, match="role of class 'ripe' is 'static'"):
         DetectionParameters(roles={"ripe": "static"})
     with pytest.raises(InvalidRequestError, match="class 'red' has stems and no role"):
@@ -270,8 +263,8 @@ def test_a_camera_on_the_hand_is_where_the_arm_was_at_the_exposure() -> None:
     with pytest.raises(InvalidRequestError, match="joint states must come first"):
         loop.heard(array(stamp=EPOCH))
     later = START.q + 0.1
-    loop.heard(joints(START, EPOCH))
-    loop.heard(joints(State(later), EPOCH + 100_000_000))
+    loop.heard(states(NAMES, START.q, EPOCH))
+    loop.heard(states(NAMES, later, EPOCH + 100_000_000))
     loop.heard(array(stamp=EPOCH + 50_000_000))
     flange = flange_of(ROBOT, START.q + 0.05)
     np.testing.assert_allclose(
@@ -290,13 +283,13 @@ def test_without_joint_states_nothing_is_commanded_and_the_status_says_so() -> N
     loop = PickLoop(SCENE)
     assert loop.tick(EPOCH) is None
     assert (loop.status().level, loop.status().message) == (1, "no joint states")
-    loop.heard(joints(START, EPOCH))
+    loop.heard(states(NAMES, START.q, EPOCH))
     assert loop.tick(EPOCH + 20_000_000) is None
     assert (loop.status().level, loop.status().message) == (0, "looking")
     assert loop.tick(EPOCH + 500_000_000) is None
     assert loop.status().message == "joint states are old"
     assert len(loop.controller.cycles) == 1
-    loop.heard(joints(START, EPOCH + 60_000_000_000))
+    loop.heard(states(NAMES, START.q, EPOCH + 60_000_000_000))
     assert loop.tick(EPOCH + 520_000_000) is None
     status = loop.status()
     assert (status.level, status.message) == (1, "joint states are ahead of the clock")

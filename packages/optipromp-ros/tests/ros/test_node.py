@@ -3,14 +3,12 @@
 import sys
 
 import pytest
-from typer.testing import CliRunner
-
-from optipromp.cli.main import app
+from tests.cli.fixtures import invoke
 
 
 def test_without_rclpy_it_says_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rclpy", None)
-    result = CliRunner().invoke(app, ["ros-node", "scenario-3"])
+    result = invoke("ros-node", "scenario-3")
     assert result.exit_code == 2
     assert "error INVALID_REQUEST: ros-node needs ROS 2 and finds no rclpy" in result.stderr
     assert len(result.stderr.splitlines()) == 1

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -9,12 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.cli.fixtures import invoke, told
 from tests.perception.shots import SEED, shot_of
-from tests.ros.camera_messages import FRAME, cloud, compressed, frames, header, image, info, sent
-from typer.testing import CliRunner
+from tests.ros.camera_messages import FRAME, cloud, compressed, frames, image, info, sent, states
 
 from optipromp import load_scene
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp.core.scenes import save_scene
@@ -42,6 +42,7 @@ COLOUR, FAR, CLOUD = "/cam/color/image_raw", "/cam/depth/image_raw", "/cam/point
 
 
 SCENE_BASE = posed(SCENE)[0].link_names[0]
+see = partial(invoke, "see")
 
 
 def joined(colour: Message, far: Message, about: Message | None = None) -> DepthPicture:
@@ -243,10 +244,6 @@ def recorded(shot: Photograph, stamp: int) -> list[Recorded]:
     ]
 
 
-def see(*words: object) -> Any:
-    return CliRunner().invoke(app, ["see", *map(str, words)])
-
-
 @pytest.mark.parametrize("kind", ["row.mcap", "row"])
 def test_a_bag_gives_the_scene_of_its_pictures(kind: str, shot: Photograph, tmp_path: Path) -> None:
     known = tmp_path / "known.yaml"
@@ -258,9 +255,8 @@ def test_a_bag_gives_the_scene_of_its_pictures(kind: str, shot: Photograph, tmp_
     for k in range(5):
         items += recorded(shot, EPOCH + k * SECOND // 2)
     write_bag(tmp_path / kind, items)
-    done = see("--bag", tmp_path / kind, "--known", known, "--out", tmp_path / "seen", "--json")
-    assert done.exit_code == 0, done.output
-    records = json.loads(done.stdout)["pictures"]
+    words = "--bag", tmp_path / kind, "--known", known, "--out", tmp_path / "seen"
+    records = told("see", *words)["pictures"]
     assert [record["name"] for record in records] == [
         "row-000, 0.00 s", "row-001, 1.00 s", "row-002, 2.00 s"
     ]  # fmt: skip
@@ -273,14 +269,13 @@ def test_a_bag_gives_the_scene_of_its_pictures(kind: str, shot: Photograph, tmp_
 def test_a_cloud_in_a_bag_and_a_camera_by_its_file(shot: Photograph, tmp_path: Path) -> None:
     picture = shot.picture
     write_bag(tmp_path / "c.mcap", [Recorded(CLOUD, cloud(picture, EPOCH), EPOCH)])
-    told = see("--bag", tmp_path / "c.mcap", "--out", tmp_path / "seen")
-    assert told.exit_code == 2
-    assert f"no frames tell where the camera was: header.frame_id is '{FRAME}'" in told.stderr
-    assert "give --camera" in told.stderr
+    said = see("--bag", tmp_path / "c.mcap", "--out", tmp_path / "seen")
+    assert said.exit_code == 2
+    assert f"no frames tell where the camera was: header.frame_id is '{FRAME}'" in said.stderr
+    assert "give --camera" in said.stderr
     (tmp_path / "camera.json").write_text(json.dumps(picture.camera.document()))
-    words = ("--bag", tmp_path / "c.mcap", "--camera", tmp_path / "camera.json", "--json")
-    record = json.loads(see(*words, "--out", tmp_path / "seen").stdout)["pictures"][0]
-    seen = load_scene(record["scene"])
+    words = "--bag", tmp_path / "c.mcap", "--camera", tmp_path / "camera.json"
+    seen = load_scene(told("see", *words, "--out", tmp_path / "seen")["pictures"][0]["scene"])
     assert np.linalg.norm(seen.target.position - shot.scene.target.position) < 0.01
 
 
@@ -388,10 +383,6 @@ def test_a_bag_without_pictures_says_what_it_has(shot: Photograph, tmp_path: Pat
     assert f"{COLOUR} (colour)" in said
     assert "--topics goes with --bag" in see(tmp_path, "--topics", COLOUR).stderr
     assert "without a folder" in see(tmp_path, "--bag", tmp_path / "no-depth.mcap").stderr
-
-
-def states(names: list[str], q: np.ndarray, stamp: int) -> Message:
-    return message("sensor_msgs/msg/JointState", header=header(stamp, ""), name=names, position=q)
 
 
 def test_pictures_of_a_camera_on_the_hand_become_tracked_fruits() -> None:

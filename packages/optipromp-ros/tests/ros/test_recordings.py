@@ -1,16 +1,14 @@
 """Demonstrations from a bag: the cuts, the joints, the times, the refusals."""
 
 import itertools
-import json
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.ros.camera_messages import header
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke, told
+from tests.ros.camera_messages import states
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidDemonstrationError, InvalidRequestError
 from optipromp.core.promp import ProMP
 from optipromp_ros import CutParameters, Recorded, load_recording, message, write_bag
@@ -49,10 +47,8 @@ def joint_states(
     for time, q in zip(times, positions, strict=True):
         order = random.permutation(len(names))
         stamp = 1_700_000_000 * NANO + round(time * NANO)
-        item = message(
-            "sensor_msgs/msg/JointState", header=header(stamp * stamped, ""),
-            name=[names[k] for k in order], position=np.append(q, 0.04)[order],
-        )  # fmt: skip
+        named = [names[k] for k in order]
+        item = states(named, np.append(q, 0.04)[order], stamp * stamped)
         out.append(Recorded(topic, item, stamp + (0 if not stamped else 3_000_000)))
     return out
 
@@ -105,11 +101,11 @@ def test_without_joints_all_of_the_message_are_learnt(tmp_path: Path) -> None:
 
 
 def test_messages_of_a_gripper_are_left_out(tmp_path: Path) -> None:
-    states = joint_states(*guided(2))
-    grip = message("sensor_msgs/msg/JointState", name=["finger"], position=[0.0])
-    items = [x for s in states for x in (s, Recorded("/joint_states", grip, s.stamp + 1))]
+    arm = joint_states(*guided(2))
+    grip = states(["finger"], [0.0])
+    items = [x for s in arm for x in (s, Recorded("/joint_states", grip, s.stamp + 1))]
     path = bag(tmp_path, items)
-    with pytest.warns(UserWarning, match=f"{len(states)} of {len(items)} messages are left out"):
+    with pytest.warns(UserWarning, match=f"{len(arm)} of {len(items)} messages are left out"):
         found = load_recording(path, JOINTS)
     assert len(found.demonstrations) == 2
 
@@ -228,15 +224,13 @@ def guided_panda(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_learn_takes_a_bag_and_says_where_it_was_cut(guided_panda: Path, tmp_path: Path) -> None:
     out = tmp_path / "reach.npz"
     learn = ["learn", str(guided_panda), "--out", str(out), "--robot", "panda", "--bases", "7"]
-    result = CliRunner().invoke(app, [*learn, "--json"])
-    assert result.exit_code == 0, result.stderr
-    document = json.loads(result.stdout)
+    document = told(*learn)
     assert document["demonstrations"] == 5
     assert document["recording"]["topic"] == "/joint_states"
     assert [cut["demonstration"] for cut in document["recording"]["cuts"]] == [True] * 5
     promp = ProMP.load(out)
     assert promp.joint_names == JOINTS
-    words = CliRunner().invoke(app, [*learn, "--no-figure"])
+    words = invoke(*learn, "--no-figure")
     assert "5 demonstrations in 1600 messages of /joint_states" in words.stdout
     first = document["recording"]["cuts"][0]
     assert f"{first['start']:.2f} to {first['end']:.2f} s" in words.stdout
@@ -245,9 +239,7 @@ def test_learn_takes_a_bag_and_says_where_it_was_cut(guided_panda: Path, tmp_pat
 def test_check_knows_a_bag(guided_panda: Path, tmp_path: Path) -> None:
     single = bag(tmp_path, joint_states(*panda(2)))
     for path, count in ((guided_panda, 5), (single, 2)):
-        result = CliRunner().invoke(app, ["check", str(path), "--json"])
-        assert result.exit_code == 0, result.stderr
-        document = json.loads(result.stdout)
+        document = told("check", path)
         assert (document["kind"], document["demonstrations"]) == ("demonstrations", count)
         highest = dict(zip(document["joints"], document["highest"], strict=True))
         assert np.abs(np.array([highest[joint] for joint in JOINTS]) - MIDDLE).max() < 1.1

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.robots.meshes import FACES, TETRAHEDRON
 from tests.ros.camera_messages import sent
 
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
@@ -32,17 +33,13 @@ from optipromp_ros import (
 from optipromp_ros.frames import known_frames
 from optipromp_ros.scenes import pose_message, read_pose
 
-TETRAHEDRON = MeshShape(
-    np.array([[0.0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]]),
-    np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]),
-)
 SHAPES = (
     Sphere(0.0151),
     Box((0.1, 0.2, 0.3)),
     Cylinder(0.02, 0.3),
     Capsule(0.02, 0.3),
     HalfSpace(),
-    TETRAHEDRON,
+    MeshShape(TETRAHEDRON, FACES),
     PointCloudShape(np.array([[0.0, 0, 0], [0.01, 0, 0.02], [0.3, 0.1, 0]]), 0.004),
 )
 TURN = from_quaternion((0.5, 0.5, -0.5, 0.5))
@@ -53,7 +50,7 @@ def same_object(one: SceneObject, other: SceneObject) -> None:
     assert (one.id, one.role, dict(one.physical)) == (other.id, other.role, dict(other.physical))
     assert type(one.shape) is type(other.shape)
     for name, value in vars(one.shape).items():
-        if name not in ("path", "scale"):
+        if name not in ("path", "scale", "measure"):  # the last is of the others
             np.testing.assert_allclose(getattr(other.shape, name), value, atol=1e-9, rtol=0)
     np.testing.assert_allclose(other.position, one.position, atol=1e-9, rtol=0)
     np.testing.assert_allclose(other.rotation, one.rotation, atol=1e-9, rtol=0)

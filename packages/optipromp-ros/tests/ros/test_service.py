@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.robots.arms import TWO, robot
 from tests.robots.groups import along, groups
+from tests.ros.camera_messages import states
 
 from optipromp import judge, plan
 from optipromp.core import judging
@@ -27,7 +28,6 @@ from optipromp_ros import (
 from optipromp_ros.live import read_goal
 from optipromp_ros.loop import MOVEIT
 from optipromp_ros.scenes import pose_message
-from optipromp_ros.trajectories import time_message
 from optipromp_ros.types import constants
 
 SCENE = load_scene("scenario-3")
@@ -40,8 +40,8 @@ def request(**fields):
     return message("moveit_msgs/msg/MotionPlanRequest", **fields)
 
 
-def joint_state(q, names=ROBOT.joint_names, velocity=()):
-    return message("sensor_msgs/msg/JointState", name=names, position=q, velocity=velocity)
+def joint_state(q, names=ROBOT.joint_names, velocity=(), stamp: int = 0):
+    return states(names, q, stamp, velocity)
 
 
 def world_of(scene, q=None):
@@ -156,12 +156,6 @@ def test_without_joint_states_only_a_stated_start_is_planned_from() -> None:
 SECOND = 1_000_000_000  # [ns]
 
 
-def stamped(stamp: int, q=SCENE.start, velocity=()):
-    item = joint_state(q, velocity=velocity)
-    item.header = message("std_msgs/msg/Header", stamp=time_message(stamp))
-    return item
-
-
 @pytest.mark.parametrize(
     ("stamp", "came", "asked", "words"),
     [
@@ -177,7 +171,7 @@ def stamped(stamp: int, q=SCENE.start, velocity=()):
     ],
 )
 def test_states_of_the_arm_count_for_a_second(stamp, came, asked, words: str) -> None:
-    item = stamped(round(stamp * SECOND), velocity=np.zeros(7))
+    item = joint_state(SCENE.start, velocity=np.zeros(7), stamp=round(stamp * SECOND))
     arrival = None if came is None else round(came * SECOND)
     world = LiveScene.of(SCENE).heard(item, arrival)
     far = [pose_goal((3.0, 0, 0), np.eye(3), "tool")]
@@ -193,7 +187,7 @@ def test_states_without_velocities_tell_of_a_motion(speed: float, rests: bool) -
     for k in range(75):
         now = SECOND + k * SECOND // 50
         q = SCENE.start + speed * k / 50 + noise.normal(0.0, 3e-4, 7)
-        world = world.heard(stamped(now, q), now)
+        world = world.heard(joint_state(q, stamp=now), now)
     if rests:
         assert not world.arm.at_rest(now).moving
     else:
@@ -250,7 +244,7 @@ def test_the_arm_of_the_prefix_is_heard() -> None:
     ],
 )
 def test_a_plan_begins_where_the_arm_is(q: float, velocity, words: str) -> None:
-    state = stamped(0, SCENE.start + q, () if velocity is None else np.full(7, velocity))
+    state = joint_state(SCENE.start + q, velocity=() if velocity is None else np.full(7, velocity))
     arm, begin = LiveScene.of(SCENE).heard(state).arm, State(SCENE.start)
     if words:
         with pytest.raises(StartInvalidError, match=words):

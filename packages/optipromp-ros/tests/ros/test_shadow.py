@@ -1,20 +1,18 @@
 """A picker's recording in a bag says the same as the file that it was made of."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scripts.shadow_picks import Done, record
-from tests.ros.camera_messages import FRAME, compressed, frames, header, image, info
+from tests.cli.fixtures import invoke, told
+from tests.ros.camera_messages import FRAME, compressed, frames, image, info, states
 from tests.ros.looks import EPOCH, array, array_of, seen
-from typer.testing import CliRunner
 
 from optipromp import plan, save_scene
-from optipromp.cli.main import app
 from optipromp_loop.control import without_fruits
 from optipromp_loop.shadow.recording import load_recorded
-from optipromp_ros import Recorded, message, write_bag
+from optipromp_ros import Recorded, write_bag
 from optipromp_ros.shadow import load_picks
 from optipromp_ros.trajectories import NANO
 from optipromp_sim.generate import generate
@@ -30,9 +28,7 @@ def test_a_bag_is_read_as_the_file(tmp_path: Path) -> None:
     items = [Recorded("/tf_static", frames(EPOCH, ("left_link0", "eye", read.looks[0].camera)))]
     names = [f"left_{name}" for name in (*read.arm.joints, "finger")]
     for time, *q in np.loadtxt(file.with_suffix(".csv"), delimiter=",", skiprows=1).tolist():
-        stamp = header(EPOCH + round(time * NANO), "")
-        said = message("sensor_msgs/msg/JointState", header=stamp, name=names, position=q)
-        items.append(Recorded("/joint_states", said))
+        items.append(Recorded("/joint_states", states(names, q, EPOCH + round(time * NANO))))
     for look in read.looks:
         items.append(Recorded("/seen", array_of(look, EPOCH + round(look.time * NANO), "eye")))
     write_bag(bag, items)
@@ -47,12 +43,10 @@ def test_a_bag_is_read_as_the_file(tmp_path: Path) -> None:
             assert here.role == there.role
             np.testing.assert_allclose(here.position, there.position, atol=1e-6)
     save_scene(without_fruits(SCENE), tmp_path / "cell.yaml")
-    asked = ["shadow", str(bag), "--known", str(tmp_path / "cell.yaml"), "--json", "--gripper"]
-    result = CliRunner().invoke(app, [*asked, "left_finger"])
-    assert result.exit_code == 0, result.output
-    (pick,) = json.loads(result.stdout)["picks"]
+    asked = "shadow", bag, "--known", tmp_path / "cell.yaml", "--gripper"
+    (pick,) = told(*asked, "left_finger")["picks"]
     assert (pick["harmful"], pick["ours"]["status"]) == (True, "success")
-    assert "'jaw'" in CliRunner().invoke(app, [*asked, "jaw"]).output
+    assert "'jaw'" in invoke(*asked, "jaw").output
     shot = photograph(SCENE)
     at = EPOCH + round(0.2 * NANO)
     shown = [
@@ -61,15 +55,15 @@ def test_a_bag_is_read_as_the_file(tmp_path: Path) -> None:
     ]  # fmt: skip
     taken = [Recorded(f"/c/{k}", item) for k, item in enumerate(shown)]
     place = Recorded("/tf_static", frames(EPOCH, ("left_link0", FRAME, shot.picture.camera.pose)))
-    states = [item for item in items if item.topic == "/joint_states"]
-    write_bag(tmp_path / "pictures", [place, *states, *taken])
+    heard = [item for item in items if item.topic == "/joint_states"]
+    write_bag(tmp_path / "pictures", [place, *heard, *taken])
     looked = load_picks(tmp_path / "pictures", SCENE, gripper="left_finger", marks=None)
     (look,) = looked.looks
     assert look.time == pytest.approx(0.2)
     (ripe,) = (item for item in look.in_base() if item.role == "target")
     assert np.linalg.norm(ripe.position - SCENE.target.position) < 0.01
-    told = Recorded("/seen", array(seen("ripe", (0.3, 0.6, 0.5)), frame="world"))
-    write_bag(tmp_path / "world", [item for item in items if item.topic != "/seen"] + [told])
+    placed = Recorded("/seen", array(seen("ripe", (0.3, 0.6, 0.5)), frame="world"))
+    write_bag(tmp_path / "world", [item for item in items if item.topic != "/seen"] + [placed])
     blind = load_picks(tmp_path / "world", SCENE, gripper="left_finger", marks=None)
     assert [words.partition(":")[0] for words in blind.lacks] == [
         "stems", "where the camera was, in 1 of 1 looks"

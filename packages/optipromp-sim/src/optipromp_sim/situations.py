@@ -21,7 +21,6 @@ import numpy as np
 from optipromp.core.arrays import FloatArray, frame_along
 from optipromp.core.execution.streaming import Stretch
 from optipromp.core.geometry.shapes import Sphere
-from optipromp.core.judging import extremes
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.model import Robot
 from optipromp.core.scenes.crops import ROWS, Crop
@@ -37,6 +36,7 @@ from optipromp_sim.simulation import Eye, Loop, Simulation, closed_loop
 from optipromp_sim.simulation.detector import Detector
 from optipromp_sim.simulation.detector_parameters import DETECTORS, DetectorParameters
 from optipromp_sim.simulation.parameters import SimulationParameters, of_crop
+from optipromp_sim.simulation.records import used
 from optipromp_sim.simulation.rollouts import Pick
 
 LOWER = 0.010  # [m] from the height at which fruits are seen down to the true one: a choice
@@ -117,9 +117,9 @@ class Change:
         p = of_crop(SimulationParameters(), scene.crop)
         seen = noisy(scene, seed, NOISES[self.noise]) if self.noise else scene
         if self.settled:  # before the fruits are shifted, and as stems are believed to be
-            p = replace(p, engine=replace(p.engine, settle=SETTLE))
+            p = p.changed(engine={"settle": SETTLE})
             sway = {k: v for k, v in self.disturbance.items() if k.startswith(("sway", "gust"))}
-            seen = seen_at_once(seen, scene, seed, _disturbed(p, sway))
+            seen = seen_at_once(seen, scene, seed, p.changed(disturbance=sway))
         truth, p = _changed(scene, p, **drawn)
         if self.shift is not None:
             by, part = self.shift(truth, rng), "whole" if self.roots else "object"
@@ -128,11 +128,7 @@ class Change:
             seen = miscalibrated(seen, scene, self.detector, seed)
         if self.unseen:
             seen = drop_one(seen, seed)
-        return Situation(truth, seen, self.detector, _disturbed(p, self.disturbance))
-
-
-def _disturbed(p: SimulationParameters, values: Mapping[str, Any]) -> SimulationParameters:
-    return replace(p, disturbance=replace(p.disturbance, **values))
+        return Situation(truth, seen, self.detector, p.changed(disturbance=self.disturbance))
 
 
 def _changed(
@@ -146,18 +142,16 @@ def _changed(
     hanging balls.
     """
     of = p.stem
-    stem = replace(
-        of, youngs_modulus=stiffness * of.youngs_modulus, grown_turn=of.grown_turn / stiffness,
-        damping_time=damping * of.damping_time, swing_damping=damping * of.swing_damping,
-        damping_ratio=damping * of.damping_ratio, calyx=calyx or of.calyx,
-        stretch=stretch or of.stretch,
-    )  # fmt: skip
-    p = replace(p, stem=stem, fruit=replace(p.fruit, density=density * p.fruit.density))
+    stem: dict[str, Any] = {
+        "youngs_modulus": stiffness * of.youngs_modulus, "grown_turn": of.grown_turn / stiffness,
+        "calyx": calyx or of.calyx, "stretch": stretch or of.stretch,
+    }  # fmt: skip
+    for name in ("damping_time", "swing_damping", "damping_ratio"):
+        stem[name] = damping * getattr(of, name)
+    p = p.changed(stem=stem, fruit={"density": density * p.fruit.density})
     if friction is not None:
-        p = replace(
-            p, fruit=replace(p.fruit, friction=friction), stem=replace(p.stem, friction=friction),
-            robot=replace(p.robot, tool_friction=friction),
-        )  # fmt: skip
+        same = {"friction": friction}
+        p = p.changed(fruit=same, stem=same, robot={"tool_friction": friction})
 
     def sized(item: SceneObject) -> SceneObject:
         of = item.shape
@@ -360,7 +354,6 @@ def executed(
     the arm before the first stretch. ``until``: executor's time at which the run ended [s].
     """
     jumps, shares = np.zeros(3), np.zeros(3)
-    limits = np.stack([robot.velocity, robot.acceleration, robot.jerk])
     taken = [stretch for stretch in stretches if stretch.begins < until]
     ends = [*(one.begins for one in taken[1:]), until][: len(taken)]
     for k, (stretch, end) in enumerate(zip(taken, ends, strict=True)):
@@ -369,7 +362,7 @@ def executed(
         jumps = np.maximum(jumps, [np.abs(b - a).max() for a, b in zip(*both, strict=True)])
         part = cut(stretch.curve, end - stretch.begins)
         if part is not None:
-            shares = np.maximum(shares, (extremes(part).largest / limits).max(axis=1))
+            shares = np.maximum(shares, [*used(robot, part).values()])
     return Smoothness(jumps, shares)
 
 

@@ -1,16 +1,13 @@
 """``optipromp measure-crop``: what a ruler, a kitchen scale and a phone say of a crop."""
 
-import json
 import math
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import refused, told
 
-from optipromp.cli.main import app
 from optipromp.core.scenes.crops import load_crop
 
-RUN = CliRunner()
 TABLE = """width,length,mass,stem_length,stem_diameter,sag_load,sag,swings,swing_first,swing_last
 31,42,19,120,2.4,5,18,5,30,1.2
 29,40,16,140,2.5,5,22,5,28,1.0
@@ -21,10 +18,8 @@ TABLE = """width,length,mass,stem_length,stem_diameter,sag_load,sag,swings,swing
 def test_a_table_of_measurements_becomes_a_crop(tmp_path: Path) -> None:
     (tmp_path / "fruits.csv").write_text(TABLE)
     out = tmp_path / "mine.yaml"
-    told = ["measure-crop", str(tmp_path / "fruits.csv"), "pull_along=520,480,610"]
-    told += ["pull_across=310,280", "--out", str(out), "--json"]
-    result = RUN.invoke(app, told)
-    assert result.exit_code == 0, result.stderr
+    pulls = "pull_along=520,480,610", "pull_across=310,280"
+    document = told("measure-crop", tmp_path / "fruits.csv", *pulls, "--out", out)
     crop, usual = load_crop(out), load_crop("strawberry")
     assert crop["width"] == pytest.approx((0.031 + 0.029 + 0.034) / 3.0)
     assert crop.rows["width"].spread == pytest.approx(0.00251661, rel=1e-5)
@@ -42,7 +37,6 @@ def test_a_table_of_measurements_becomes_a_crop(tmp_path: Path) -> None:
     assert crop.rows["abscission"].values == pytest.approx((0.53667 * 9.81, 0.295 * 9.81), rel=1e-4)
     assert crop.rows["damping_ratio"].source.startswith("measured, n = 2")
     assert crop.rows["grip_force"] == usual.rows["grip_force"]
-    document = json.loads(result.stdout)
     assert document["guesses"] == [
         "pressed_force", "pressed_time", "edge_force", "abscission_moment"
     ]  # fmt: skip
@@ -50,7 +44,7 @@ def test_a_table_of_measurements_becomes_a_crop(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "words"),
     [
         ("width=0.031", "in mm and g: width: 3.1e-05 m is out of range: must be 0.004 to 0.4 m"),
         ("width=31,30 length=40", "numbers of measurements differ: length 1, width 2"),
@@ -64,9 +58,7 @@ def test_a_table_of_measurements_becomes_a_crop(tmp_path: Path) -> None:
         ("nowhere.csv", "nowhere.csv"),
     ],
 )
-def test_nonsense_is_refused_with_its_unit(tmp_path: Path, given: str, told: str) -> None:
+def test_nonsense_is_refused_with_its_unit(tmp_path: Path, given: str, words: str) -> None:
     out = tmp_path / "mine.yaml"
-    result = RUN.invoke(app, ["measure-crop", *given.split(), "--out", str(out)])
-    assert result.exit_code == 2
-    assert told in result.stderr
+    assert words in refused("measure-crop", *given.split(), "--out", out)
     assert not out.exists()

@@ -6,9 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke, refused, told
 
-from optipromp.cli.main import app
 from optipromp.core.geometry import Sphere
 from optipromp.core.scenes import Place, Scene, SceneObject, Stem
 from optipromp.core.scenes.io import save_scene
@@ -17,12 +16,6 @@ from optipromp_page.stage import load_replay
 from optipromp_sim.commands.simulate import loop_lines
 from optipromp_sim.generate import generate
 from optipromp_sim.situations import SETTLE
-
-pytest.importorskip("mujoco")
-
-
-def invoke(*arguments):
-    return CliRunner().invoke(app, [*map(str, arguments)])
 
 
 def test_a_pick_in_closed_loop_is_told_and_left(tmp_path):
@@ -47,8 +40,6 @@ def test_a_pick_from_a_plant_that_sways_is_drawn_and_replayed(tmp_path):
     """The arm stands until the sway has settled, the film shows the looks, the page replays it."""
     arguments = ["simulate", "scenario-3", "--closed-loop", "--sway", "0.01", "--slow", "0.05"]
     result = invoke(*arguments, "--gif", "--json", "--out", tmp_path)
-    if "draw" in result.stderr:
-        pytest.skip(result.stderr)
     document = json.loads(result.stdout)
     assert document["decisions"][0]["time"] > SETTLE
     assert document["displacement"]["ripe"] > 0.005
@@ -70,9 +61,7 @@ def test_a_loop_in_a_scene_with_a_place_brings_the_fruit_there(tmp_path):
     scene = Scene("one", "panda", (ripe,), ToolSpec("cup", {"radius": 0.03}), start, place=place)
     save_scene(scene, tmp_path / "scene.yaml")
     out = tmp_path / "out"
-    result = invoke("simulate", tmp_path / "scene.yaml", "--closed-loop", "--json", "--out", out)
-    document = json.loads(result.stdout)
-    assert result.exit_code == 0, document["message"]
+    document = told("simulate", tmp_path / "scene.yaml", "--closed-loop", "--out", out)
     assert document["legs"] == dict.fromkeys(("reach", "retreat", "carry"), "success")
     assert document["placed"] is True
     assert document["placed_off"] < 0.01
@@ -91,17 +80,15 @@ def test_a_loop_in_a_scene_with_a_place_brings_the_fruit_there(tmp_path):
 
 def test_the_options_of_the_loop_reach_it(tmp_path):
     """Looks that are late are waited for at the camera point."""
-    common = ["simulate", "scenario-3", "--closed-loop", "--json", "--out"]
-    document = json.loads(invoke(*common, tmp_path, "--latency", "1").stdout)
+    common = ("simulate", "scenario-3", "--closed-loop")
+    document = told(*common, "--out", tmp_path, "--latency", "1")
     times = [decision["time"] for decision in document["decisions"]]
     at = [item["why"] for item in document["decisions"]].index("at the camera point")
     assert times[at + 1] - times[at] > 1.0  # [s] the latency
 
 
 def test_a_loop_that_finds_no_plan_gives_up_and_moves_nothing(tmp_path):
-    result = invoke("simulate", "scenario-1", "--closed-loop", "--json", "--out", tmp_path)
-    document = json.loads(result.stdout)
-    assert result.exit_code == 1
+    document = told("simulate", "scenario-1", "--closed-loop", "--out", tmp_path, code=1)
     assert document["result"] == document["stage"] == "gave_up"
     assert "table-top" in document["decisions"][-1]["why"]
     assert document["worst_limit"] == 0.0
@@ -112,41 +99,13 @@ def test_a_scene_without_a_target_is_refused(tmp_path):
     left = tuple(item for item in scene.objects if item.role == "static")
     home = JointGoal(bare_robot(scene).home)
     save_scene(replace(scene, objects=left, goal=home), tmp_path / "bare.yaml")
-    result = invoke("simulate", tmp_path / "bare.yaml", "--closed-loop")
-    assert result.exit_code == 2
-    assert "has no target" in result.stderr
+    assert "has no target" in refused("simulate", tmp_path / "bare.yaml", "--closed-loop")
 
 
 def test_fruits_that_hang_aside_are_missed_by_an_open_loop(tmp_path):
-    common = ["simulate", "scenario-3", "--json", "--out"]
-    aside = json.loads(invoke(*common, tmp_path, "--shift", "0.06").stdout)
-    assert not aside["success"]
+    asked = "simulate", "scenario-3", "--out", tmp_path, "--shift", "0.06"
+    assert not told(*asked, code=1)["success"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["scenario-3", "--latency", "0.1", "--noise", "detector"], "--noise, --latency: only"),
-        (["scenario-3", "--camera", "hand"], "--camera: only with --closed-loop"),
-        (["scenario-3", "--closed-loop", "--planner", "promp"], "--planner: not with"),
-        (["scenario-3", "--closed-loop", "--noise", "detect"], "did you mean 'detector'"),
-        (["scenario-3", "--closed-loop", "--camera", "head"], "palm, hand, beside"),
-        (["scenario-3", "--sway-frequency", "0.5:1"], "state --sway"),
-        (["scenario-3", "--sway", "0.01", "--sway-frequency", "2:1"], "write it as 0.5:1.6"),
-    ],
-)
-def test_wrong_options_are_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
-    monkeypatch.chdir(tmp_path)
-    result = invoke("simulate", *arguments)
-    assert result.exit_code == 2
-    assert words in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
-    assert not list(tmp_path.iterdir())
-
-
-def test_a_plan_is_refused_in_closed_loop(tmp_path):
-    planned = invoke("plan", "scenario-1", "--no-figures", "--out", tmp_path)
-    assert planned.exit_code in (0, 1)
-    result = invoke("simulate", tmp_path, "--closed-loop")
-    assert result.exit_code == 2
-    assert "give the scene" in result.stderr
+def test_a_plan_is_refused_in_closed_loop(reach):
+    assert "give the scene" in refused("simulate", reach, "--closed-loop")

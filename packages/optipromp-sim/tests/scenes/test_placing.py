@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from tests.scenes.six_joints import six
+from tests.simulation.bench import clean
 
 from optipromp.core.errors import Code, InvalidRequestError
 from optipromp.core.planning import plan
@@ -14,7 +15,6 @@ from optipromp.core.robots import load_robot
 from optipromp.core.robots.library import NOTHING
 from optipromp_sim.generate import bunches, generate
 from optipromp_sim.generate.placing import fitted
-from optipromp_sim.simulation import simulate
 
 FINGERS = "".join(
     f'<link name="{side}"><collision><origin xyz="{aside} 0 0.08"/><geometry><box size="0.01 0.02 '
@@ -59,9 +59,7 @@ def test_the_arm_stays_below_the_lowest_pushable(arm) -> None:
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
 def test_another_robot_picks(arm) -> None:
     for seed in (3, 2):
-        made = plan(generate("cluster", seed, arm))
-        assert made.success, made.message
-        assert simulate(made).success
+        clean(plan(generate("cluster", seed, arm)))
 
 
 def test_the_cup_stands_before_the_fingers_of_the_robot(tmp_path) -> None:

@@ -3,14 +3,6 @@
 import pytest
 from tests.simulation.bench import Bench
 
-from optipromp.core.errors import InvalidRequestError
-from optipromp_sim.simulation.engine import engine
-
-try:
-    engine()  # before anything else imports MuJoCo, so that it draws off screen
-except InvalidRequestError as error:
-    pytest.skip(error.message, allow_module_level=True)
-
 
 @pytest.fixture
 def bench(tmp_path):

@@ -23,7 +23,7 @@ FAR = np.array([0.5, 0.5, -0.5])  # [m] of the gantry from the fruits
 
 
 def disturbance(**values: Any) -> SimulationParameters:
-    return replace(SimulationParameters(), disturbance=DisturbanceParameters(**values))
+    return SimulationParameters().changed(disturbance=values)
 
 
 def alone(bench: Bench, **physical: float) -> Scene:
@@ -100,11 +100,8 @@ def test_a_fruit_follows_its_root_as_a_driven_oscillator(bench: Bench, hertz: fl
     with the fruit. There is no gravity.
     """
     given = disturbance(sway=0.01, sway_modes=1, sway_frequency=hertz, sway_fastest=hertz)
-    given = replace(
-        given,
-        stem=replace(given.stem, swing_damping=0.0, bow_least=0.0, bow_most=0.0),
-        engine=replace(given.engine, gravity=0.0),
-    )
+    still = {"swing_damping": 0.0, "bow_least": 0.0, "bow_most": 0.0}
+    given = given.changed(stem=still, engine={"gravity": 0.0})
     stem = 1000.0 * np.pi / 4.0 * given.stem.diameter**2 * 0.135
     mass, omega, tau = MASS + 0.24 * stem, 2.0 * np.pi * hertz, given.stem.damping_time
     k = mass * (2.0 * np.pi * HERTZ) ** 2
@@ -251,8 +248,7 @@ def test_an_exported_scene_is_the_believed_one(bench: Bench) -> None:
 
 
 def test_neighbouring_clusters_of_real_fruits_sway_too() -> None:
-    given = disturbance(sway=0.02)
-    given = replace(given, thing=replace(given.thing, avoid_as="fruits"))
+    given = disturbance(sway=0.02).changed(thing={"avoid_as": "fruits"})
     scene = load_scene("scenario-3")
     simulation = Simulation(scene, 3, given)
     world, motion = simulation.world, simulation.world.motion

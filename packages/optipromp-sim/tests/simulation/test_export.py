@@ -2,17 +2,17 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
+from tests.robots.meshes import FACES, TETRAHEDRON
 
 from optipromp import load_scene, plan
-from optipromp.core.geometry import HalfSpace, MeshShape, PointCloudShape
+from optipromp.core.geometry import HalfSpace, MeshShape
 from optipromp.core.planning.task import resolve
 from optipromp.core.scenes import JointGoal, Pose, Scene, SceneObject
+from optipromp_sim.simulation import export
 from optipromp_sim.simulation.world import build
-
-mujoco = pytest.importorskip("mujoco")
-export = pytest.importorskip("optipromp_sim.simulation.export")
 
 LYING = Pose(np.array([0.0, 3.0, 0.0]), np.array([0.8, 0.6, 0.0, 0.0]))
 CAMERA = Pose(np.array([0.3, -0.4, 0.5]), np.array([0.5, -0.5, 0.5, -0.5]))  # looks along x
@@ -87,15 +87,20 @@ def test_actuators_take_the_tool_along_a_plan_to_the_target(tmp_path):
     assert np.linalg.norm(data.body("fruit:ripe").xpos - site.xpos) < 0.02
 
 
-def test_it_is_the_world_of_the_simulation(tmp_path):
+def test_it_is_the_world_of_the_simulation_in_one_file(tmp_path):
     scene = replace(load_scene("scenario-4"), camera=CAMERA)
+    rock = SceneObject("rock", "static", MeshShape(TETRAHEDRON, FACES), np.array([1.0, 0.5, 0.0]))
+    floor = SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -0.3]))
+    scene = replace(scene, objects=(*scene.objects, rock, floor))
     task, model, data = loaded(tmp_path, scene)
+    assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
     own = build(scene, task.robot).model
     assert [model.geom(k).name for k in range(model.ngeom)] == [
         own.geom(k).name for k in range(own.ngeom)
     ]
     np.testing.assert_allclose(model.body_mass, own.body_mass, rtol=1e-4)
     np.testing.assert_allclose(model.geom_size, own.geom_size, rtol=1e-4)
+    np.testing.assert_array_equal(model.geom_type, own.geom_type)
     q = task.robot.lower + 0.3 * (task.robot.upper - task.robot.lower)
     data.qpos[: task.robot.n_joints] = q
     mujoco.mj_forward(model, data)
@@ -104,30 +109,11 @@ def test_it_is_the_world_of_the_simulation(tmp_path):
     np.testing.assert_allclose(
         data.site(export.TOOL_POINT).xmat.reshape(3, 3)[:, 2], axis, atol=1e-5
     )
+    middle = rock.position + TETRAHEDRON.mean(axis=0)
+    np.testing.assert_allclose(data.geom("static:rock").xpos, middle, atol=1e-4)
     camera = data.camera("camera").xmat.reshape(3, 3)
     np.testing.assert_allclose(-camera[:, 2], [1.0, 0.0, 0.0], atol=1e-5)  # looks ahead
     np.testing.assert_allclose(camera[:, 1], [0.0, 0.0, 1.0], atol=1e-5)  # upright
-
-
-def test_every_shape_is_in_the_one_file(tmp_path):
-    corners = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype=float)
-    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    cloud = PointCloudShape(np.array([[0.0, 0, 0], [0.1, 0, 0]]), 0.02)
-    scene = load_scene("scenario-3")
-    more = (
-        SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -0.3])),
-        SceneObject("rock", "static", MeshShape(corners, faces), np.array([1.0, 0.5, 0.0])),
-        SceneObject("leaves", "static", cloud, np.array([1.0, -0.5, 0.0])),
-    )
-    _, model, data = loaded(tmp_path, replace(scene, objects=(*scene.objects, *more)))
-    assert [path.name for path in tmp_path.iterdir()] == ["model.xml"]
-    kinds = {item.id: model.geom(model.body(f"static:{item.id}").geomadr[0]) for item in more}
-    assert kinds["floor"].type == mujoco.mjtGeom.mjGEOM_PLANE
-    assert kinds["rock"].type == mujoco.mjtGeom.mjGEOM_MESH
-    np.testing.assert_allclose(
-        data.geom("static:rock").xpos, np.array([1.0, 0.5, 0.0]) + corners.mean(axis=0), atol=1e-4
-    )
-    assert model.body("static:leaves").geomnum == 2
 
 
 MIMIC = """<robot name="lift">

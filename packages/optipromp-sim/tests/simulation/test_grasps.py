@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from tests.robots.builders import prism, write_obj
+from tests.simulation.bench import clean
 
 from optipromp.core.geometry import Box, distances, pack
 from optipromp.core.planning import plan
@@ -53,11 +54,8 @@ def alone(scene, *others):
 
 def test_a_scissor_cuts_the_stem_of_the_target() -> None:
     scene = replace(alone(generate("limp", 3)), tool=SHEAR)
-    made = plan(scene)
-    assert made.success, made.message
-    run = simulate(made)
+    run = clean(plan(scene))
     assert run.outcome.cut.stems == ("ripe",)
-    assert run.success, run.outcome.message
     assert run.outcome.picked
     assert run.outcome.message.startswith("the stem of ripe alone is cut")
     assert not run.outcome.torn
@@ -102,10 +100,8 @@ def test_what_is_cut_from_the_side_hangs_from_the_blades(preset, seed, opening) 
     scene = generate(preset, seed)
     tool = ToolSpec("scissor", {**scene.tool.parameters, "opening": opening})
     picked = plan_pick(replace(scene, tool=tool))
-    assert picked.success, picked.message
+    run = clean(picked)
     assert "side of its stem" not in picked.message
-    run = simulate(picked)
-    assert run.success, run.outcome.message
     assert set(run.outcome.cut.stems) == {item.id for item in scene.taken}
     assert not run.outcome.torn
     rollout, after = run.rollout, np.flatnonzero(run.rollout.times > run.outcome.cut.time)
@@ -169,10 +165,7 @@ def test_blades_from_the_side_cut_the_stem_nearest_the_goal() -> None:
 def test_a_suction_cup_picks_what_its_lip_touches(tmp_path) -> None:
     scene = replace(generate("cluster", 3), tool=ToolSpec("suction", {"radius": 0.012}))
     save_scene(scene, tmp_path / "scene.yaml")
-    made = plan(load_scene(tmp_path / "scene.yaml"))
-    assert made.success, made.message
-    run = simulate(made)
-    assert run.success, run.outcome.message
+    run = clean(plan(load_scene(tmp_path / "scene.yaml")))
     assert run.outcome.picked
     assert "at the lip" in run.outcome.message
     short = replace(scene, tool=ToolSpec("suction", {"radius": 0.012, "fruit": 0.03}))
@@ -216,8 +209,7 @@ def test_a_gripper_of_meshes_is_the_gripper_of_boxes(tmp_path) -> None:
     assert abs(tool.rotation[:, 1] @ boxes.rotation[:, 1]) == pytest.approx(1.0)
     points = np.random.default_rng(0).uniform(-0.05, 0.05, (2000, 3))
     assert (tool.holds(points, points) == boxes.holds(points, points)).all()
-    run = simulate(plan(scene))
-    assert run.success, run.outcome.message
+    run = clean(plan(scene))
     assert "between the fingers" in run.outcome.message
 
 
@@ -241,10 +233,7 @@ def test_a_mount_undoes_a_turned_flange() -> None:
     assert np.allclose(plain.spheres.center, same.spheres.center)
     for one, other in zip(cup.outline(), mounted.outline(), strict=True):
         assert np.allclose(one, other)
-    made = plan(generate("cluster", 3), robot=same)
-    assert made.success, made.message
-    run = simulate(made)
-    assert run.success, run.outcome.message
+    clean(plan(generate("cluster", 3), robot=same))
 
 
 def test_a_mounted_scissor_is_a_scissor() -> None:

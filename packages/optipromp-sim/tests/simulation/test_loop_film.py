@@ -1,4 +1,4 @@
-"""Films and files of picks in closed loop; pictures are skipped where nothing can be drawn."""
+"""Films and files of picks in closed loop."""
 
 import io
 import json
@@ -41,15 +41,6 @@ SMALL = View(width=240, height=160)
 @pytest.fixture(scope="module")
 def loop():
     return swaying()
-
-
-@pytest.fixture(scope="module")
-def drawn(loop):
-    try:
-        next(frames(loop.run, np.array([0.0]), SMALL))
-    except InvalidRequestError as error:
-        pytest.skip(error.message)
-    return loop
 
 
 @pytest.fixture(scope="module")
@@ -154,16 +145,16 @@ def test_ellipsoids_span_the_covariance():
     np.testing.assert_allclose(again, spread, atol=2e-8)
 
 
-def test_pictures_show_tracks_path_and_the_cameras_view(drawn, record):
+def test_pictures_show_tracks_path_and_the_cameras_view(loop, record):
     moving = next(k for k, stage in enumerate(record.stages) if stage == "push") + 10
     times = np.array([0.0, record.times[moving]])
-    told = list(loop_frames(drawn, times, SMALL))
-    bare = list(frames(drawn.run, times, SMALL, caption=True))
+    told = list(loop_frames(loop, times, SMALL))
+    bare = list(frames(loop.run, times, SMALL, caption=True))
     assert all(picture.shape == (160, 240, 3) for picture in told)
-    run = drawn.run
+    run = loop.run
     model = dressed(build(run.scene, run.robot, run.parameters, run.seed))
     camera = shot(build(run.scene, run.robot, run.parameters, run.seed), model, run, times, SMALL)
-    top, left = _corner(drawn, camera, times, SMALL, model)
+    top, left = _corner(loop, camera, times, SMALL, model)
     side = round(INSET * SMALL.height)
     inset = told[1][top : top + side, left : left + side].astype(int)
     yellow = (inset[..., 0] > 150) & (inset[..., 1] > 150) & (inset[..., 2] < 150)
@@ -179,21 +170,21 @@ def test_pictures_show_tracks_path_and_the_cameras_view(drawn, record):
     assert (alike & changed).sum() > 5  # the path ahead in the colour of its plan
 
 
-def test_a_film_and_an_animation_can_be_played(drawn):
+def test_a_film_and_an_animation_can_be_played(loop):
     import av
     from PIL import Image
 
-    end = drawn.run.rollout.times[-1]
-    with av.open(io.BytesIO(film(drawn, SMALL, fps=2))) as container:
+    end = loop.run.rollout.times[-1]
+    with av.open(io.BytesIO(film(loop, SMALL, fps=2))) as container:
         assert "vp9" in container.streams.video[0].codec_context.name
         shown = sum(1 for _ in container.decode(container.streams.video[0]))
     assert shown == pytest.approx(2 * (end + LINGER), abs=2)
-    with Image.open(io.BytesIO(animation(drawn, SMALL, fps=1))) as image:
+    with Image.open(io.BytesIO(animation(loop, SMALL, fps=1))) as image:
         assert image.format == "GIF"
         assert image.n_frames == int(end) + 1
 
 
-def test_a_pick_without_looks_is_drawn(drawn):
-    blind = replace(drawn, trace=replace(drawn.trace, looks=()))
+def test_a_pick_without_looks_is_drawn(loop):
+    blind = replace(loop, trace=replace(loop.trace, looks=()))
     (picture,) = loop_frames(blind, np.array([1.0]), SMALL)
     assert picture.shape == (160, 240, 3)

@@ -3,11 +3,11 @@
 import json
 import re
 import sys
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.robots.meshes import FACES, TETRAHEDRON
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.geometry.shapes import HalfSpace, MeshShape, PointCloudShape
@@ -52,10 +52,9 @@ def test_what_is_executed_is_the_plan_in_its_own_time(plans, runs, name):
 
 def test_a_slowed_execution_takes_its_time(plans):
     made = plans["scenario-3"]
-    parameters = SimulationParameters()
-    slow = replace(parameters, control=replace(parameters.control, speed=0.5))
+    slow = SimulationParameters().changed(control={"speed": 0.5})
     run = simulate(made, parameters=slow)
-    moved = run.rollout.motion - parameters.engine.settle
+    moved = run.rollout.motion - slow.engine.settle
     assert moved == pytest.approx(2.0 * made.trajectory.duration, abs=2e-3)
     assert run.rollout.limit_use["velocity"] == pytest.approx(0.5 * made.metrics.velocity_ratio)
 
@@ -112,20 +111,14 @@ def test_a_number_that_stops_being_one_fails_the_run(bench, tmp_path, monkeypatc
     assert not list(tmp_path.glob("*.TXT"))
 
 
-def tetrahedra():
-    """Two tetrahedra that share nothing: not convex."""
-    corner = np.array([[0, 0, 0], [0.1, 0, 0], [0, 0.1, 0], [0, 0, 0.1]], dtype=float)
-    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    return np.vstack([corner, corner + [0.2, 0, 0]]), np.vstack([faces, faces + 4])
-
-
 def test_every_shape_can_be_a_static_object(bench, tmp_path, monkeypatch):
     monkeypatch.setenv("OPTIPROMP_CACHE", str(tmp_path / "cache"))
-    vertices, faces = tetrahedra()
+    vertices = np.vstack([TETRAHEDRON, TETRAHEDRON + [0.2, 0, 0]])  # two that share nothing
+    faces = np.vstack([FACES, FACES + 4])
     cloud = np.random.default_rng(0).uniform(-0.1, 0.1, (200, 3))
     objects = [
         SceneObject("floor", "static", HalfSpace(), np.array([0.0, 0.0, -1.2])),
-        SceneObject("hull", "static", MeshShape(vertices[:4], faces[:4]), np.array([0.8, 0, 0])),
+        SceneObject("hull", "static", MeshShape(TETRAHEDRON, FACES), np.array([0.8, 0, 0])),
         SceneObject("pair", "static", MeshShape(vertices, faces), np.array([0.8, 0.5, 0])),
         SceneObject("cloud", "static", PointCloudShape(cloud, 0.01), np.array([-0.8, 0.0, 0.0])),
     ]

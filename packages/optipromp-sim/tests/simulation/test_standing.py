@@ -1,6 +1,7 @@
 """Crops that stand, and long fruits: what is promised is picked."""
 
 import numpy as np
+from tests.simulation.bench import clean
 
 from optipromp.core.geometry import Capsule, Sphere
 from optipromp.core.planning import plan
@@ -24,10 +25,7 @@ def test_a_suction_cup_presses_a_mushroom_softly() -> None:
     for stiffness, stroke in ((1000.0, 0.002), (10000.0, 0.0005)):
         scene = mushroom(stiffness=stiffness)
         assert robot_of(scene).tool.fruit == 0.022 - stroke
-        made = plan(scene)
-        assert made.success, made.message
-        run = simulate(made)
-        assert run.success, run.outcome.message
+        run = clean(plan(scene))
         assert run.outcome.peak_force["cap"] < 5.0
         assert run.outcome.displacement["cap"] < 0.002
 
@@ -54,10 +52,7 @@ def cucumber(*others: tuple[float, float, float]) -> Scene:
 
 
 def test_a_cucumber_is_picked_between_the_fingers() -> None:
-    made = plan(cucumber((-0.03, 0.09, 0.01), (0.0, -0.08, 0.0)))
-    assert made.success, made.message
-    run = simulate(made)
-    assert run.success, run.outcome.message
+    clean(plan(cucumber((-0.03, 0.09, 0.01), (0.0, -0.08, 0.0))))
 
 
 def test_a_young_one_between_the_fingers_is_swallowed_by_both() -> None:

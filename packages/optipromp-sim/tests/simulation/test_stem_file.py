@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import mujoco
 import numpy as np
 import pytest
 from tests.simulation.one_stem import loaded, tracked
@@ -12,7 +13,6 @@ from optipromp.core.pushing.stems import bending
 from optipromp.core.scenes import SceneObject, Stem
 from optipromp_sim.simulation import stem_mjcf
 
-mujoco = pytest.importorskip("mujoco")
 LENGTH, MASS, STIFFNESS = 0.15, 0.02, 2e-3  # [m] [kg] [N m²]
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from tests.robots.builders import INNER, SIDES, TOOLS, mesh_cup, probe
+from tests.simulation.bench import clean
 
 from optipromp.core.planning import plan, plan_pick
 from optipromp.core.pushing.stems.cup import Mouth, cup_distance
@@ -99,16 +100,13 @@ def test_a_cup_collides_where_the_push_model_has_it(taper):
 def test_a_cup_with_a_cone_is_planned_with_and_leaves():
     scene = generate("cluster", 3)
     tool = ToolSpec("cup", {**scene.tool.parameters, "taper": 45.0})
-    run = simulate(pick := plan_pick(replace(scene, tool=tool)))
-    assert pick.reach.robot.tool.taper == 45.0
-    assert run.success, run.outcome.message
+    assert clean(plan_pick(replace(scene, tool=tool))).robot.tool.taper == 45.0
 
 
 def test_a_finger_gripper_picks_a_can_off_a_shelf():
     tool = FingerGripper(0.08, finger_length=0.055, palm_length=0.066, palm_width=0.16)
-    run = simulate(plan(generate("shelf", 1), robot=equipped(tool)))
+    run = clean(plan(generate("shelf", 1), robot=equipped(tool)))
     assert run.robot.tool is tool
-    assert run.success, run.outcome.message
     assert run.outcome.picked
     assert "between the fingers" in run.outcome.message
 
@@ -118,16 +116,12 @@ def test_a_finger_gripper_takes_hold_of_the_target_alone(scene):
     """Its sides are open: n2 may come in from the side, which the push model tells."""
     refused = plan(scene, robot=equipped(FingerGripper(0.05)))
     assert "n2 is swallowed" in refused.message
-    made = plan(scene, robot=equipped(FingerGripper(0.05)), risk=0.1)
-    assert made.success, made.message
-    run = simulate(made, seed=1)
-    assert run.success, run.outcome.message
+    run = clean(plan(scene, robot=equipped(FingerGripper(0.05)), risk=0.1), seed=1)
     assert "between the fingers" in run.outcome.message
 
 
 def test_a_mesh_with_a_mouth_swallows_a_fruit():
-    run = simulate(plan(generate("cluster", 3), robot=equipped(mesh_cup())))
-    assert run.success, run.outcome.message
+    run = clean(plan(generate("cluster", 3), robot=equipped(mesh_cup())))
     assert run.outcome.picked
     assert run.outcome.swallowed_at is not None
 
@@ -151,9 +145,6 @@ def test_a_bare_trajectory_is_simulated_with_the_robot_that_is_given():
 def test_the_margin_below_the_rim_counts_for_every_tool():
     """A target that ends at the tool point is deep enough for a margin less than the depth."""
     made = plan(generate("cluster", 3), robot=equipped(FingerGripper(0.05, depth=0.015)))
-    default = SimulationParameters()
-    found = []
-    for margin in (0.010, 0.030):  # the depth is 0.015
-        thresholds = replace(default.thresholds, inside_margin=margin)
-        found.append(simulate(made, parameters=replace(default, thresholds=thresholds)))
-    assert [run.outcome.picked for run in found] == [True, False]
+    for margin, picked in ((0.010, True), (0.030, False)):  # the depth is 0.015
+        parameters = SimulationParameters().changed(thresholds={"inside_margin": margin})
+        assert simulate(made, parameters=parameters).outcome.picked is picked

@@ -1,7 +1,5 @@
 """Trusses and fruits of other shapes in the simulation; the push model beside it."""
 
-from dataclasses import replace
-
 import mujoco
 import numpy as np
 import pytest
@@ -81,9 +79,8 @@ def test_a_torn_fruit_lightens_the_stems_that_carried_it() -> None:
 
 def test_a_truss_that_is_pulled_as_a_whole_comes_off() -> None:
     scene = generate("truss", 20001)
-    parameters = SimulationParameters()
-    weak = replace(parameters, stem=replace(parameters.stem, truss_force=4.0))
-    for chosen, torn in ((parameters, 0), (weak, len(scene.pushables) + 1)):
+    weak = SimulationParameters().changed(stem={"truss_force": 4.0})
+    for chosen, torn in ((None, 0), (weak, len(scene.pushables) + 1)):
         world = build(scene, bare_robot(scene), chosen)
         data, watch = world.data(world.robot.home), StemWatch(world)
         for k in range(400):
@@ -97,10 +94,8 @@ def test_a_truss_that_is_pulled_as_a_whole_comes_off() -> None:
 @pytest.mark.parametrize("calyx", ["rigid", "free"])
 def test_a_fruit_may_turn_freely_about_its_calyx(calyx) -> None:
     scene = generate("elongated", 20000)
-    parameters = SimulationParameters()
-    world = build(scene, bare_robot(scene), replace(
-        parameters, stem=replace(parameters.stem, calyx=calyx)
-    ))  # fmt: skip
+    parameters = SimulationParameters().changed(stem={"calyx": calyx})
+    world = build(scene, bare_robot(scene), parameters)
     fruit = world.shown[0]
     data = world.data(world.robot.home)
     data.xfrc_applied[fruit.body, 3:] = 2e-4 * data.xmat[fruit.body].reshape(3, 3)[:, 2]

@@ -42,14 +42,13 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # n
 from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
+from tests.cli.fixtures import invoke  # noqa: E402
 from tests.perception.shots import shot_of  # noqa: E402
 from tests.ros.camera_messages import FRAME, compressed, frames, image, info  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
 from trajectory_msgs.msg import JointTrajectory  # noqa: E402
-from typer.testing import CliRunner  # noqa: E402
 from vision_msgs.msg import Detection3DArray  # noqa: E402
 
-from optipromp.cli.main import app  # noqa: E402
 from optipromp.core.planning.task import posed  # noqa: E402
 from optipromp.core.scenes import Pose, load_scene  # noqa: E402
 from optipromp.core.scenes.hand import tool_frame  # noqa: E402
@@ -350,7 +349,7 @@ def test_roles_and_topics_that_are_none_are_refused() -> None:
         ("pictures", "/a,/b", "must be the topics of colour, depth and camera_info"),
     ):  # fmt: skip
         call = ["ros-node", "scenario-4", "--loop", f"--{option}", text]
-        result = CliRunner().invoke(app, call)
+        result = invoke(*call)
         assert (result.exit_code, told in result.stderr) == (2, True)
 
 
@@ -442,7 +441,7 @@ def test_a_pick_between_processes(node: Any, start: Any, tmp_path: Path, killed:
     picks = [{"closed": (closed[0] - begin) / 1e9}]
     (tmp_path / "marks.json").write_text(json.dumps({"picks": picks}))
     call = ["shadow", str(tmp_path / "shift.mcap"), "--known", scene, "--prefix", "fr3_", "--json"]
-    told = CliRunner().invoke(app, [*call, "--marks", str(tmp_path / "marks.json"), *CAMERA[:4]])
+    told = invoke(*call, "--marks", str(tmp_path / "marks.json"), *CAMERA[:4])
     assert told.exit_code == 0, told.output
     (pick,) = json.loads(told.stdout)["picks"]
     assert (pick["why"], pick["harmful"]) == ("", False)

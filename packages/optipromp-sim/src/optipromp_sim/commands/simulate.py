@@ -52,7 +52,7 @@ class Disturbed:
                 told = f"--sway-frequency is {self.sway_frequency!r}; write it as 0.5:1.6 [Hz]"
                 raise InvalidRequestError(told)
             values |= {"sway_frequency": low, "sway_fastest": high}
-        return replace(parameters, disturbance=replace(parameters.disturbance, **values))
+        return parameters.changed(disturbance=values)
 
 
 @dataclass(frozen=True)
@@ -113,11 +113,10 @@ def pick(
     if not known and eyes.noise in NOISES:
         seen = noisy(seen, seed, NOISES[eyes.noise])
     if parameters.disturbance.sway > 0.0:
-        moving = replace(parameters.disturbance, jump_at=parameters.disturbance.jump_at + SETTLE)
-        engine = replace(parameters.engine, settle=SETTLE)
-        parameters = replace(parameters, disturbance=moving, engine=engine)
+        later = {"jump_at": parameters.disturbance.jump_at + SETTLE}
+        parameters = parameters.changed(disturbance=later, engine={"settle": SETTLE})
         if not known:
-            alone = replace(parameters, disturbance=replace(moving, shift=0.0, jump=0.0))
+            alone = parameters.changed(disturbance={"shift": 0.0, "jump": 0.0})
             seen = seen_at_once(seen, truth, seed, alone)
     return picked(Situation(truth, seen, detector, parameters), seed)
 
@@ -236,7 +235,7 @@ def simulate(
     )
     parameters = disturbed.of(SimulationParameters())
     if speed is not None:
-        parameters = replace(parameters, control=replace(parameters.control, speed=speed))
+        parameters = parameters.changed(control={"speed": speed})
     truth = None if true_scene is None else optipromp.load_scene(true_scene)
     kinds = [kind for kind, on in (("webm", video), ("mp4", mp4), ("gif", gif)) if on]
     leave = partial(_leave, folder=folder, kinds=kinds, slow=slow)

@@ -26,7 +26,7 @@ from optipromp.core.planning.options import Optimised
 from optipromp.core.robots import ik
 from optipromp.core.robots.kernels import PRISMATIC
 from optipromp.core.robots.library import Choice, load_arm
-from optipromp.core.robots.model import Robot
+from optipromp.core.robots.model import Robot, random_postures
 from optipromp.core.robots.tools import make_tool, with_tool
 from optipromp.core.scenes.pose import Pose
 from optipromp.core.scenes.scene import Scene, ToolSpec, obstacles_of
@@ -123,15 +123,8 @@ class Unfit(NamedTuple):
 @functools.lru_cache(maxsize=16)
 def reach_of(arm: Robot) -> float:
     """Largest distance of the flange from the first joint in sampled configurations [m]."""
-    points = arm.tool_pose(_sampled(arm, SAMPLES))[0]
+    points = arm.tool_pose(random_postures(arm, SAMPLES))[0]
     return float(np.linalg.norm(points - arm.kinematics.translation[0], axis=1).max())
-
-
-def _sampled(robot: Robot, count: int) -> FloatArray:
-    """Configurations (count, n) in the joints' ranges; half a turn each way without limits."""
-    bounded = np.isfinite(robot.lower) & np.isfinite(robot.upper)
-    ends = np.where(bounded, robot.lower, -np.pi), np.where(bounded, robot.upper, np.pi)
-    return np.asarray(np.random.default_rng(0).uniform(*ends, (count, robot.n_joints)))
 
 
 def _farthest(arm: Robot, axis: FloatArray) -> float:
@@ -273,7 +266,7 @@ def _upright(
     Of each cell of distance and height, of edge ``cell`` [m], they are the :data:`EACH` with the
     most to spare, ``low`` as of :func:`spare`. Unfit if there are none.
     """
-    q = _sampled(robot, SAMPLES)
+    q = random_postures(robot, SAMPLES)
     points, axes = robot.tool_pose(q)
     near = np.flatnonzero(axes @ up > UPRIGHT)[:MOST]
     points, q = points[near], q[near]

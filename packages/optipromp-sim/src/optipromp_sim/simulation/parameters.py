@@ -6,7 +6,7 @@ Parameters that the push models have too are taken from there.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Any, Literal, Self
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.parameters import Checked, Parameter, parameter
@@ -172,6 +172,11 @@ class SimulationParameters:
             if not ok:
                 raise InvalidRequestError(f"{name} is {value}: must be {wanted}")
 
+    def changed(self, **groups: Mapping[str, Any]) -> Self:
+        """With other values of some parameters of some groups, by name."""
+        made = {name: replace(getattr(self, name), **values) for name, values in groups.items()}
+        return replace(self, **made)
+
 
 def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationParameters:
     """The parameters with the crop's values where they are the defaults; None: as they are."""
@@ -181,7 +186,7 @@ def of_crop(parameters: SimulationParameters, crop: Crop | None) -> SimulationPa
     for (branch, leaf), row in OF_CROP.items():
         group = getattr(parameters, branch)
         if getattr(group, leaf) == getattr(getattr(usual, branch), leaf):
-            parameters = replace(parameters, **{branch: replace(group, **{leaf: crop[row]})})
+            parameters = parameters.changed(**{branch: {leaf: crop[row]}})
     return parameters
 
 
@@ -190,7 +195,7 @@ def bearing(parameters: SimulationParameters, crop: Crop | None) -> SimulationPa
     limits = parameters.thresholds
     if crop is None or crop.rows["grip_force"].guess or limits.stem_force != STEM_FORCE:
         return parameters
-    return replace(parameters, thresholds=replace(limits, stem_force=crop["grip_force"]))
+    return parameters.changed(thresholds={"stem_force": crop["grip_force"]})
 
 
 OF_CROP: Mapping[tuple[str, str], str] = {

@@ -133,10 +133,9 @@ def photograph(
     """
     p, rng = parameters or PhotoParameters(), np.random.default_rng([seed, 35])
     robot, state = posed(scene)
-    physics = SimulationParameters()
-    physics = replace(physics, thing=replace(physics.thing, avoid_as="fruits"))
+    physics = SimulationParameters().changed(thing={"avoid_as": "fruits"})
     if looks == "plain":
-        physics = replace(physics, stem=replace(physics.stem, bow_least=0.0, bow_most=0.0))
+        physics = physics.changed(stem={"bow_least": 0.0, "bow_most": 0.0})
     pose = _mounted(mount, scene, robot)
     world = build(scene, robot, physics, seed)
     if mount == "beside":
