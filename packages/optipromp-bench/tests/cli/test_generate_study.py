@@ -4,31 +4,30 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from tests.cli.fixtures import call, invoke, refused
+from tests.cli.fixtures import told as document_of
 from tests.experiments.rows import ROW
 from tests.scenes.six_joints import six
-from typer.testing import CliRunner
 
-from optipromp.cli.main import app
 from optipromp.core.scenes import bare_robot, load_scene
 from optipromp_bench.experiments import study
 
-RUN = CliRunner()
+
+def ran(*words: object) -> str:
+    code, out, error = call(*words)
+    assert code == 0, out + error
+    return out
 
 
 def test_generate_writes_scenes_and_tells_of_redraws(tmp_path: Path) -> None:
-    result = RUN.invoke(
-        app,
-        ["generate", "--preset", "mixed", "--seed", "3", "--count", "2", "--out", str(tmp_path)],
-    )
-    assert result.exit_code == 0
-    assert "sampled again" in result.stdout
+    words = "generate --preset mixed --seed 3 --count 2 --out"
+    assert "sampled again" in ran(*words.split(), tmp_path)
     assert sorted(p.name for p in tmp_path.iterdir()) == ["mixed-3.yaml", "mixed-4.yaml"]
     assert load_scene(tmp_path / "mixed-4.yaml").name == "mixed-4"
 
 
 def test_generate_json(tmp_path: Path) -> None:
-    result = RUN.invoke(app, ["generate", "--preset", "shelf", "--out", str(tmp_path), "--json"])
-    document = json.loads(result.stdout)
+    document = document_of("generate", "--preset", "shelf", "--out", tmp_path)
     assert document["preset"] == "shelf"
     (scene,) = document["scenes"]
     assert Path(scene["file"]).exists()
@@ -38,15 +37,14 @@ def test_generate_json(tmp_path: Path) -> None:
 def test_generate_leaves_the_scenes_as_a_detector_sees_them(tmp_path: Path) -> None:
     words = "generate --preset cluster --seed 6 --count 8 --out"
     told = [*words.split(), str(tmp_path)]
-    result = RUN.invoke(app, [*told, "--noise", "detector", "--json"])
     missed = 0
-    for record in json.loads(result.stdout)["scenes"]:
+    for record in document_of(*told, "--noise", "detector")["scenes"]:
         true, seen = load_scene(Path(record["file"])), load_scene(Path(record["seen"]))
         assert {i.id for i in true.objects} - {i.id for i in seen.objects} == set(record["missed"])
         assert seen.target.covariance is not None
         missed += len(record["missed"])
     assert missed > 0
-    assert RUN.invoke(app, [*told, "--noise", "lower"]).exit_code == 2
+    assert refused(*told, "--noise", "lower")
 
 
 @pytest.fixture
@@ -66,28 +64,23 @@ def test_study_prints_rates_and_causes(quick, tmp_path: Path) -> None:
         "bench", "study", "presets=cluster, shelf", "planners=straight,chomp", "seeds=5:8",
         "--workers", "1", "--out", str(tmp_path),
     ]  # fmt: skip
-    result = RUN.invoke(app, arguments)
-    assert result.exit_code == 0, result.output
+    ran(*arguments)
     told = (tmp_path / "tables.md").read_text()
     assert "3 stem caught" in told
     assert "44–100" in told  # 3 of 3
     names = {"rows.csv", "study.json", "summary.json", "study.svg"}
     assert names <= {p.name for p in tmp_path.iterdir()}
     assert (tmp_path / "study.svg").read_text().startswith("<svg")
-    again = RUN.invoke(app, [*arguments, "--json"])
-    document = json.loads(again.stdout)
+    document = document_of(*arguments)
     assert document["runs"] == 12
     assert [cell["rate"] for cell in document["cells"]] == [0.0, 1.0, 0.0, 1.0]
     kept = json.loads((tmp_path / "summary.json").read_text())["cells"]
     assert [{"study": "", **cell} for cell in kept] == document["cells"]
     assert json.loads((tmp_path / "study.json").read_text())["risk"] == 0.03
-    refused = RUN.invoke(app, [*arguments, "risk=0.01"])
-    assert refused.exit_code == 2
-    assert "holds rows with risk 0.03, this study has 0.01" in refused.stderr
-    assert "study.0.seeds" in RUN.invoke(app, [*arguments, "seeds=5"]).stderr
-    old = RUN.invoke(app, ["study", "--preset", "cluster"])
-    assert old.exit_code == 2
-    assert "study is now: optipromp bench study presets=NAMES" in old.stderr
+    assert "holds rows with risk 0.03, this study has 0.01" in refused(*arguments, "risk=0.01")
+    assert "study.0.seeds" in refused(*arguments, "seeds=5")
+    old = refused("study", "--preset", "cluster")
+    assert "study is now: optipromp bench study presets=NAMES" in old
 
 
 def test_scenes_of_another_robot_and_a_plan_with_it(
@@ -98,15 +91,13 @@ def test_scenes_of_another_robot_and_a_plan_with_it(
     (tmp_path / "six.urdf").write_text(six())
     told = ["--robot", str(tmp_path / "six.urdf"), "--tip", "tool0", "--base", "base"]
     out = tmp_path / "scenes"
-    result = RUN.invoke(app, ["generate", "--preset", "cluster", *told, "--out", str(out)])
-    assert result.exit_code == 0, result.output
+    ran("generate", "--preset", "cluster", *told, "--out", out)
     scene = load_scene(out / "cluster-0.yaml")
     assert scene.choice.tip == "tool0"
     assert bare_robot(scene).joint_names == tuple(f"j{k}" for k in range(6))
-    wrong = ["plan", str(out / "cluster-0.yaml"), "--robot", "panda", "--json"]
-    assert json.loads(RUN.invoke(app, wrong).stdout)["status"] == "START_INVALID"
-    wrong = ["plan", str(out / "cluster-0.yaml"), "--tip", "l9", "--json"]
-    assert "l9" in json.loads(RUN.invoke(app, wrong).stdout)["message"]
+    wrong = document_of("plan", out / "cluster-0.yaml", "--robot", "panda", code=2)
+    assert wrong["status"] == "START_INVALID"
+    assert "l9" in document_of("plan", out / "cluster-0.yaml", "--tip", "l9", code=2)["message"]
 
 
 def test_generate_tells_how_scenes_may_read_a_robot_that_lies_elsewhere(
@@ -119,14 +110,12 @@ def test_generate_tells_how_scenes_may_read_a_robot_that_lies_elsewhere(
     monkeypatch.chdir(here)
     words = "generate --preset cluster --tip tool0 --base base --out scenes --robot"
     told = [*words.split(), str(robots / "six.urdf")]
-    result = RUN.invoke(app, told)
-    assert result.exit_code == 0, result.output
-    export = result.stdout.splitlines()[-1].partition(": ")[2]
+    export = ran(*told).splitlines()[-1].partition(": ")[2]
     assert export == f"export OPTIPROMP_FOLDERS='{robots}'"
-    assert json.loads(RUN.invoke(app, [*told, "--json"]).stdout)["folders"] == [str(robots)]
+    assert document_of(*told)["folders"] == [str(robots)]
     monkeypatch.setenv("OPTIPROMP_FOLDERS", str(robots))
     assert bare_robot(load_scene(here / "scenes" / "cluster-0.yaml")).n_joints == 6
-    assert "export" not in RUN.invoke(app, told).stdout
+    assert "export" not in ran(*told)
 
 
 @pytest.mark.filterwarnings("ignore:no built-in demonstrations")
@@ -143,9 +132,9 @@ def test_the_ten_minutes_of_add_a_robot(tmp_path: Path, monkeypatch: pytest.Monk
     (tmp_path / "my-arm.urdf").write_text(six())
     for words in commands:
         quick = words.replace("--count 10", "--count 2").replace("seeds=0:50", "seeds=0:1")
-        result = RUN.invoke(app, quick.replace(" --video", "").split())
-        refused = words.startswith("plan") and "HARM_PREDICTED" in result.output  # an answer too
-        assert result.exit_code == 0 or refused, f"{words}: {result.output}"
+        result = invoke(*quick.replace(" --video", "").split())
+        harms = words.startswith("plan") and "HARM_PREDICTED" in result.output  # an answer too
+        assert result.exit_code == 0 or harms, f"{words}: {result.output}"
     assert (tmp_path / "look/cover.png").is_file()
     assert (tmp_path / "plans/cluster-0/outcome.json").is_file()
     assert (tmp_path / "study/rows.csv").is_file()

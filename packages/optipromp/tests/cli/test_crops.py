@@ -1,21 +1,13 @@
 """Crops through the command line: scenes, runs and studies of them."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import told as run
 
 from optipromp.core.scenes import load_crop, load_scene
 from optipromp.core.scenes.crops import crop_from_dict, crop_to_dict, save_crop
-
-
-def run(*words: object, code: int = 0) -> Any:
-    done = invoke(*map(str, words), "--json")
-    assert done.exit_code == code, done.output
-    return json.loads(done.stdout)
 
 
 def test_generate_draws_the_fruits_of_a_crop(tmp_path: Path) -> None:

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import invoke, told
 
 import optipromp_ros as ros
 from optipromp import load_robot
@@ -13,9 +13,7 @@ from optipromp import load_robot
 def test_a_plan_is_written_as_a_model(reach, tmp_path):
     mujoco = pytest.importorskip("mujoco")
     model = tmp_path / "new" / "reach.xml"
-    result = invoke("export", reach, "--mjcf", model, "--json")
-    assert result.exit_code == 0
-    document = json.loads(result.stdout)
+    document = told("export", reach, "--mjcf", model)
     assert (document["status"], document["message"]) == ("success", "")
     assert document["files"] == {"mjcf": str(model)}
     assert mujoco.MjModel.from_xml_path(str(model)).nu == 7
@@ -47,9 +45,7 @@ def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, argument
 
 def test_a_plan_becomes_a_bag_that_is_valid(reach, tmp_path):
     bag = tmp_path / "reach.mcap"
-    result = invoke("export", reach, "--mcap", bag, "--prefix", "fr3_", "--json")
-    assert result.exit_code == 0
-    assert json.loads(result.stdout)["files"] == {"mcap": str(bag)}
+    assert told("export", reach, "--mcap", bag, "--prefix", "fr3_")["files"] == {"mcap": str(bag)}
     topics = {item.topic: item.message for item in ros.read_bag(bag)}
     assert set(topics) == {"/planning_scene", "/joint_trajectory", "/display_planned_path"}
     assert topics["/joint_trajectory"].joint_names[0] == "fr3_joint1"
@@ -65,8 +61,6 @@ def test_a_plan_becomes_a_bag_that_is_valid(reach, tmp_path):
 def test_the_robot_of_a_scene_or_by_name_is_written_resolved(tmp_path):
     files = {item: tmp_path / f"{item}.robot" for item in ("panda", "scenario-3")}
     for item, file in files.items():
-        result = invoke("export", item, "--robot", file, "--json")
-        assert result.exit_code == 0
-        assert json.loads(result.stdout)["files"] == {"robot": str(file)}
+        assert told("export", item, "--robot", file)["files"] == {"robot": str(file)}
     assert files["panda"].read_bytes() == files["scenario-3"].read_bytes()
     assert load_robot(files["panda"]).tool is None

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from tests import folders
+from tests.cli import fixtures
 from tests.cli.fixtures import invoke
 
 import optipromp_ros as ros
@@ -26,9 +27,7 @@ OUT = {"retreat.csv", "retreat.npz"}
 def pick(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a pick in scenario-4, to read only."""
     out = tmp_path_factory.mktemp("plan") / "pick"
-    done = invoke("plan", "scenario-4", "--no-figures", "--out", out, "--json")
-    assert done.exit_code == 0, done.stdout
-    document = json.loads(done.stdout)
+    document = fixtures.told("plan", "scenario-4", "--no-figures", "--out", out)
     assert list(document["legs"]) == LEGS
     assert {leg["status"] for leg in document["legs"].values()} == {"success"}
     assert document.keys() >= json.loads((out / "plan.json").read_text()).keys() - {

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import RUN, call, invoke, ran, read
+from tests.cli.fixtures import RUN, call, ran, read, told
 from tests.folders import FILES
 
 from optipromp import PlanOptions
@@ -168,8 +168,6 @@ def test_a_second_picture_is_asked_for_where_it_would_help(deviation, helps, tmp
         )
     )
     save_scene(scene, tmp_path / "seen.yaml")
-    done = invoke("plan", str(tmp_path / "seen.yaml"), "--json")
-    assert done.exit_code == 1
-    document = json.loads(done.stdout)
+    document = told("plan", str(tmp_path / "seen.yaml"), code=1)
     assert document["status"] == "HARM_PREDICTED"
     assert ("--together" in document.get("advice", "")) == helps

@@ -1,13 +1,12 @@
 """A pick in several legs: reach, retreat, carry; planned, judged, written, simulated."""
 
-import json
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli import fixtures
 from tests.planning.builders import tool_speed
 
 from optipromp import PlanOptions, load_pick, plan, plan_pick, simulate, write_pick
@@ -184,12 +183,8 @@ def test_a_fruit_that_stays_is_written_with_the_legs_that_succeeded(tmp_path: Pa
     save_scene(placing("table-top", 743009), tmp_path / "bunch.yaml")
     target = placing("table-top", 743009).target
     out = tmp_path / "picks"
-    result = invoke(
-        "plan", tmp_path / "bunch.yaml", "--targets", target.id, "--no-figures", "--out", out,
-        "--json",
-    )  # fmt: skip
-    assert result.exit_code == 1, result.stdout
-    (left,) = json.loads(result.stdout)["left"]
+    asked = "plan", tmp_path / "bunch.yaml", "--targets", target.id, "--no-figures", "--out", out
+    (left,) = fixtures.told(*asked, code=1)["left"]
     assert left["out"] == str(out / f"left-{target.id}")
     back = load_pick(left["out"])
     assert isinstance(back, Picked)
@@ -224,21 +219,15 @@ def test_a_leg_of_another_plan_is_passed_over_and_a_bad_one_refused(picked, tmp_
 def test_two_picks_into_a_punnet_go_on_from_the_place(tmp_path: Path) -> None:
     save_scene(placing("tight", 3), tmp_path / "bunch.yaml")
     out = tmp_path / "picks"
-    result = invoke(
-        "plan", tmp_path / "bunch.yaml", "--targets", "ripe,n1", "--no-figures", "--out", out,
-        "--json",
-    )  # fmt: skip
-    assert result.exit_code == 0, result.stdout
-    document = json.loads(result.stdout)
+    asked = "plan", tmp_path / "bunch.yaml", "--targets", "ripe,n1", "--no-figures", "--out", out
+    document = fixtures.told(*asked)
     assert document["success"]
     picks = [load_pick(told["out"]) for told in document["picks"]]
     first, second = picks
     assert isinstance(second, Picked)
     assert np.abs(second.reach.trajectory.positions[0] - first.end).max() < 1e-9
     for told in document["picks"]:
-        executed = invoke("simulate", told["out"], "--json")
-        assert executed.exit_code == 0, executed.stdout
-        assert json.loads(executed.stdout)["placed"] is True
+        assert fixtures.told("simulate", told["out"])["placed"] is True
 
 
 def test_a_place_is_kept_in_files_and_moves_with_the_frame() -> None:
@@ -272,9 +261,8 @@ def test_a_can_behind_packs_is_lifted_and_brought_to_its_place(tmp_path: Path) -
     scene = replace(generate("shelf", 62000), place=SHELF_PLACE)
     save_scene(scene, tmp_path / "shelf.yaml")
     out = tmp_path / "pick"
-    made = invoke("plan", tmp_path / "shelf.yaml", "--no-figures", "--out", out, "--json")
-    assert made.exit_code == 0, made.stdout
-    assert list(json.loads(made.stdout)["legs"]) == [REACH, LIFT, RETREAT, CARRY]
+    legs = fixtures.told("plan", tmp_path / "shelf.yaml", "--no-figures", "--out", out)["legs"]
+    assert list(legs) == [REACH, LIFT, RETREAT, CARRY]
     pick = load_pick(out)
     lift, retreat = pick.legs[LIFT], pick.legs[RETREAT]
     tips, _ = lift.robot.tool_pose(lift.trajectory.positions)
@@ -282,9 +270,7 @@ def test_a_can_behind_packs_is_lifted_and_brought_to_its_place(tmp_path: Path) -
     assert rise == pytest.approx(np.linalg.norm(tips[-1] - tips[0]), abs=1e-3)
     back, _ = retreat.robot.tool_pose(retreat.trajectory.positions)
     assert ((back - tips[0]) @ scene.up).min() > 0.5 * rise
-    executed = invoke("simulate", out, "--json")
-    assert executed.exit_code == 0, executed.stdout
-    assert json.loads(executed.stdout)["placed"] is True
+    assert fixtures.told("simulate", out)["placed"] is True
     board = f"{scene.static[0].id}"
     pairs = {frozenset(pair) for pair in retreat.scene.may_touch}
     assert frozenset(("can", board)) not in pairs

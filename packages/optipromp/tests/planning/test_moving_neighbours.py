@@ -1,6 +1,5 @@
 """Avoid objects and pushables that move: plans in time, which the simulation confirms."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import told
 from tests.judging.builders import gap
 
 import optipromp
@@ -134,9 +133,7 @@ def test_neighbours_that_move_in_files(tmp_path: Path) -> None:
     scene = led(led(KNOWN, "n1", [0.0, 0.03, 0.0], 3.0), "left", [0.0, 0.05, 0.0], 2.0)
     path, out = tmp_path / "led.yaml", tmp_path / "plan"
     save_scene(scene, path)
-    checked = invoke("check", path, "--json")
-    assert checked.exit_code == 0, checked.output
-    assert json.loads(checked.stdout)["moving"] == ["n1", "left"]
+    assert told("check", path)["moving"] == ["n1", "left"]
     made = optipromp.plan(optipromp.load_scene(path))
     optipromp.write_plan(made, out)
     assert optipromp.load_plan(out).status is made.status

@@ -1,6 +1,5 @@
 """Stems that nobody saw: read, written, spread, planned for, judged and drawn."""
 
-import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tests.cli.fixtures import invoke
+from tests.cli import fixtures
 
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
@@ -108,15 +107,11 @@ def test_a_plan_says_what_it_assumed_and_is_simulated(tmp_path: Path) -> None:
     save_scene(true, tmp_path / "true.yaml")
     save_scene(seen, tmp_path / "seen.yaml")
     out = str(tmp_path / "reach")
-    made = invoke("plan", tmp_path / "seen.yaml", "--reach", "--no-figures", "--out", out, "--json")
-    assert made.exit_code == 0, made.stdout
-    told = json.loads(made.stdout)
+    told = fixtures.told("plan", tmp_path / "seen.yaml", "--reach", "--no-figures", "--out", out)
     assert "nobody saw" in told["assumed"][0]
     assert "nobody saw" in told["message"]
     for given_scene in ([], ["--in", str(tmp_path / "true.yaml")]):
-        run = invoke("simulate", out, *given_scene, "--json")
-        assert run.exit_code == 0, run.stdout
-        assert json.loads(run.stdout)["picked"] is True
+        assert fixtures.told("simulate", out, *given_scene)["picked"] is True
 
 
 def test_the_simulation_draws_an_unseen_stem_by_its_seed() -> None:
