@@ -1,6 +1,6 @@
 """Write the digests of the benchmark's development set to standard output.
 
-Run from the repository: ``PYTHONPATH=src python scripts/frozen_sets.py >
+Run from the repository: ``python scripts/frozen_sets.py >
 packages/optipromp-bench/src/optipromp_bench/data/development.json``.
 """
 

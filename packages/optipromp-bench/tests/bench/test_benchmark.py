@@ -1,7 +1,6 @@
 """The benchmark: frozen scenes, two engines, submissions that can be executed once more."""
 
 import io
-import json
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -13,10 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scripts import publish
 from tests.bench.entrants import Broken, Follower, Hasty, Ours, Seer, entry
-from typer.testing import CliRunner
+from tests.cli.fixtures import refused, told
 
 from optipromp import plan
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp_bench.results import BenchRun, run_bench, submission, verify
@@ -150,14 +148,11 @@ def test_a_table_orders_entries(ours: Path, tmp_path: Path) -> None:
     assert board.of(entry(Broken), "arm").errors == 1
     assert board.of(entry(Ours), "arm").p is None
     assert markdown(board).count(f"| `{entry(Ours)}` |") == 3
-    told = CliRunner().invoke(app, ["bench", "table", str(ours), str(tmp_path), "--json"])
-    assert told.exit_code == 0, told.output
-    assert json.loads(told.output)["order"] == list(board.order)
+    assert told("bench", "table", ours, tmp_path)["order"] == list(board.order)
 
 
 def test_the_published_board_is_that_of_bench_table(ours: Path, tmp_path: Path) -> None:
-    words = ["bench", "table", str(ours), "--markdown", str(tmp_path / "board.md")]
-    assert CliRunner().invoke(app, words).exit_code == 0
+    told("bench", "table", ours, "--markdown", tmp_path / "board.md")
     board, presets, torn = publish.tables_in(tmp_path).values()
     found = leaderboard([ours])
     assert board["rows"][0][1] == f"`{entry(Ours)}`"
@@ -181,8 +176,4 @@ def test_the_paired_test_is_that_of_scipy(pairs: list[tuple[bool, bool]]) -> Non
     ],
 )
 def test_wrong_requests_say_what_is_wrong(arguments: list[str], word: str, tmp_path: Path) -> None:
-    told = CliRunner().invoke(
-        app, ["bench", "run", "--out", str(tmp_path / "x"), "--count", "1", *arguments]
-    )
-    assert told.exit_code == 2
-    assert word in told.output
+    assert word in refused("bench", "run", "--out", tmp_path / "x", "--count", 1, *arguments)

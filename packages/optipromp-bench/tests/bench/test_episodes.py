@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import refused, told
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp_bench.episodes import (
     EpisodeAsk,
@@ -86,11 +85,8 @@ def test_a_full_disk_leaves_no_dataset(made: list[EpisodeData], tmp_path: Path) 
 )
 def test_a_name_that_is_no_id_is_refused_before_any_episode(name: str, tmp_path: Path) -> None:
     out = tmp_path / "one" / "two" / "three" / "out"
-    told = CliRunner().invoke(
-        app, ["episodes", "--count", "1", "--out", str(out), "--name", name, "--workers", "1"]
-    )
-    assert told.exit_code == 2
-    assert "name is" in told.output
+    words = "episodes", "--count", 1, "--out", out, "--name", name, "--workers", 1
+    assert "name is" in refused(*words)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -165,13 +161,6 @@ def test_pictures_are_columns(made: list[EpisodeData], tmp_path: Path) -> None:
 
 def test_the_command_says_what_it_wrote(tmp_path: Path) -> None:
     pytest.importorskip("pyarrow")
-    told = CliRunner().invoke(
-        app,
-        ["episodes", "--count", "1", "--preset", "limp", "--format", "lerobot",
-         "--out", str(tmp_path / "data"), "--workers", "1", "--json"],
-    )  # fmt: skip
-    assert told.exit_code == 0, told.output
-    assert json.loads(told.stdout)["clean"] == 1
-    told = CliRunner().invoke(app, ["episodes", "--format", "zarr", "--out", str(tmp_path / "x")])
-    assert told.exit_code == 2
-    assert "minari" in told.output
+    words = "episodes --count 1 --preset limp --format lerobot --workers 1 --out"
+    assert told(*words.split(), tmp_path / "data")["clean"] == 1
+    assert "minari" in refused("episodes", "--format", "zarr", "--out", tmp_path / "x")

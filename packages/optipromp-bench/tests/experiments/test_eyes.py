@@ -1,14 +1,12 @@
 """The circle from picture to pick: rows, targets, the fit of the camera, the worst pictures."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke, refused, told
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.planning.task import posed
 from optipromp_bench.experiments import eyes
@@ -28,16 +26,13 @@ SEED = 60011
 def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
     words = ["bench", "study", "presets=cluster", "eyes=rendered", "--workers", "1", "--out",
              str(tmp_path), "risk=0.1"]  # fmt: skip
-    first = CliRunner().invoke(app, [*words, f"seeds={SEED}:{SEED + 1}"])
-    assert first.exit_code == 0, first.output
+    first = invoke(*words, f"seeds={SEED}:{SEED + 1}")
     assert "recall" in first.stdout
     (row,) = rows_of(tmp_path)
-    done = CliRunner().invoke(app, [*words, f"seeds={SEED}:{SEED + 2}", "--json"])
-    assert done.exit_code == 0, done.output
+    (cell,) = told(*words, f"seeds={SEED}:{SEED + 2}")["cells"]
     rows = rows_of(tmp_path)
     assert rows[0] == row
     assert len(rows) == 2
-    (cell,) = json.loads(done.stdout)["cells"]
     assert cell["runs"] == 2
     assert cell["picked"] == sum(bool(each.picked) for each in rows) >= 1
     for each in rows:
@@ -46,9 +41,7 @@ def test_a_study_sees_plans_executes_and_goes_on(tmp_path: Path) -> None:
         assert each.found is not None
         assert each.pictures is not None
         assert 1 <= each.found <= each.visible <= each.pictures * (each.pushables + 1)
-    other = CliRunner().invoke(app, [*words, f"seeds={SEED}:{SEED + 1}", "finder=network"])
-    assert other.exit_code == 2
-    assert "finder" in other.output
+    assert "finder" in refused(*words, f"seeds={SEED}:{SEED + 1}", "finder=network")
 
 
 def test_a_scene_without_a_ripe_fruit_in_view_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,10 +112,10 @@ def test_two_views_are_fused(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_no_study_of_eyes_is_is_refused() -> None:
     given = {"presets": ("cluster",), "planners": ("opti-promp",), "loops": ("open",)}
-    for wrong, told in (
+    for wrong, words in (
         ({"eyes": ("render",)}, "rendered"), ({"eyes": ("rendered",), "finder": "net"}, "network"),
         ({"eyes": ("fitted",), "conditions": ("sway",)}, "the place"),
         ({"eyes": ("fitted",), "loops": ()}, "of loops"), ({"eyes": ("fitted",), "views": 3}, "2"),
     ):  # fmt: skip
-        with pytest.raises(InvalidRequestError, match=told):
+        with pytest.raises(InvalidRequestError, match=words):
             Study(**{**given, **wrong})

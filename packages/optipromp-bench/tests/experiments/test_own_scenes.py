@@ -5,17 +5,15 @@ import json
 from pathlib import Path
 
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import call
 
 from optipromp import load_scene, save_scene
-from optipromp.cli.main import app
 from optipromp_bench.experiments.rows import rows_of
 from optipromp_bench.experiments.study import settings_of
 
 
 def study(*words: object) -> tuple[int, str, str]:
-    done = CliRunner().invoke(app, ["bench", "study", *map(str, words)])
-    return done.exit_code, done.stdout, done.stderr
+    return call("bench", "study", *words)
 
 
 @pytest.fixture

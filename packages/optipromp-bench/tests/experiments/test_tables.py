@@ -4,9 +4,8 @@ from pathlib import Path
 
 import pytest
 from scripts import publish
-from typer.testing import CliRunner
+from tests.cli.fixtures import call
 
-from optipromp.cli.main import app
 from optipromp_bench.experiments.rows import Row
 from optipromp_bench.experiments.tables import studies_of, tables_of
 
@@ -75,9 +74,9 @@ seeds = [3, 4]
 
 def ran(tmp_path: Path, text: str) -> tuple[int, str]:
     (tmp_path / "my.toml").write_text(text)
-    words = ["bench", "study", str(tmp_path / "my.toml"), "--out", str(tmp_path / "out")]
-    done = CliRunner().invoke(app, [*words, "--workers", "1"])
-    return done.exit_code, done.stdout if done.exit_code == 0 else done.stderr
+    words = "bench", "study", tmp_path / "my.toml", "--out", tmp_path / "out", "--workers", 1
+    code, out, error = call(*words)
+    return code, error if code else out
 
 
 def test_the_studies_of_a_file_run_and_go_on_and_are_told(tmp_path: Path) -> None:

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from tests.cli.fixtures import invoke, refused
 
-from optipromp.cli.main import app
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import write_plan
 from optipromp.core.planning import plan
@@ -168,8 +167,7 @@ def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
     """``view`` took the folder of ``simulate --out``, ``report`` refused it."""
     for name in ("rollout.npz", "outcome.json", "run.webm"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    result = CliRunner().invoke(app, ["report", str(tmp_path)])
-    assert result.exit_code == 0, result.output
+    assert invoke("report", tmp_path).exit_code == 0
     found = Read((tmp_path / "report.html").read_bytes())
     for words in ("scenario-4: executed", "picked, nothing harmed", "tracking error", "--seed 0"):
         assert words in found.text
@@ -177,9 +175,7 @@ def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
     assert kinds == ["data:video/webm"]
     assert len(found.frames) == 1
     (tmp_path / "outcome.json").write_text("{}")
-    result = CliRunner().invoke(app, ["report", str(tmp_path)])
-    assert result.exit_code == 2
-    assert "scene_file" in result.output
+    assert "scene_file" in refused("report", tmp_path)
 
 
 def test_worst_cases_take_causes_in_turn_and_broken_promises_first() -> None:
@@ -199,13 +195,11 @@ def test_worst_cases_take_causes_in_turn_and_broken_promises_first() -> None:
 def test_the_command_writes_the_file_and_refuses_other_folders(
     folder: Path, studied: Path, tmp_path: Path
 ) -> None:
-    run = CliRunner().invoke
     for item, name in ((folder, "plan.html"), (studied, "study.html")):
-        result = run(app, ["report", str(item), "--out", str(tmp_path / name)])
-        assert result.exit_code == 0
+        assert invoke("report", item, "--out", tmp_path / name).exit_code == 0
         assert (tmp_path / name).read_bytes().startswith(b"<!doctype html>")
-    assert run(app, ["report", str(tmp_path)]).exit_code == 2
-    assert run(app, ["report", str(folder), "--out", str(tmp_path / "a.pdf")]).exit_code == 2
+    assert refused("report", tmp_path)
+    assert refused("report", folder, "--out", tmp_path / "a.pdf")
     (tmp_path / "rows.csv").write_text("preset\n")
     with pytest.raises(InvalidRequestError, match="no rows"):
         study_report(tmp_path)
