@@ -65,7 +65,7 @@ def on_lip(
 def wanted(world: World) -> tuple[str, ...]:
     """The fruits that are to come off: what is taken, else the one whose stem is nearest the goal.
 
-    None where no fruit has a stem.
+    None of them where no fruit has a stem.
     """
     scene = world.scene
     if scene.target is not None:
