@@ -99,10 +99,10 @@ def _guarded(count: int) -> dict[str, Value]:
     """Process times of the guard's steps, in ms and in fixed work between its picks."""
     from scripts.studies.guard import driven
 
-    ask = {"entry": "push-aside", "engine": "arm", "condition": "none", "takes_over": False}
+    ask = {"entry": "push-aside", "engine": "arm", "condition": "none", "way": "guarded"}
     spent, fixed, seed = list[float](), list[float](), FIRST
     while len(spent) < count:
-        row, _ = driven({**ask, "preset": "cluster", "seed": seed, "guarded": True})
+        row, _ = driven({**ask, "preset": "cluster", "seed": seed})
         fixed.append(_fixed())
         if seed > FIRST:  # the first reads kernels from the cache
             spent += np.repeat(row["spent"], max(row["steps"] // len(row["spent"]), 1)).tolist()
