@@ -14,7 +14,7 @@ from tests.cli import fixtures
 from optipromp.core.errors import InvalidSceneError
 from optipromp.core.geometry import Sphere
 from optipromp.core.judging.distances import objects_of
-from optipromp.core.pushing.stems.hanging import sampled
+from optipromp.core.pushing.stems.bending import sampled
 from optipromp.core.scenes import Scene, SceneObject, save_scene, scene_from_dict
 from optipromp.core.scenes.io import scene_to_dict
 from optipromp.core.scenes.objects import ROOM, UNSEEN_SPREAD, UNSEEN_TILT, Stem, cleared

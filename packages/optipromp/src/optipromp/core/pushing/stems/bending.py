@@ -35,8 +35,10 @@ from scipy.linalg.lapack import dpbsv
 from optipromp.core.arrays import FloatArray, IntArray, frozen, lengths, read_only
 from optipromp.core.compiled import kernel
 from optipromp.core.geometry.shapes import Capsule, Cone, PointCloudShape, Shape, Sphere
+from optipromp.core.pushing import rules
 from optipromp.core.pushing.parameters import PUSH
-from optipromp.core.scenes.objects import least_stiffness
+from optipromp.core.robots.ik import uniform
+from optipromp.core.scenes.objects import UNSEEN_SPREAD, least_stiffness
 from optipromp.core.scenes.scene import SceneObject
 
 BEAM = PUSH.beam
@@ -517,3 +519,60 @@ def part(fruit, root, radius, above, apart):
                             fruit[m, o, k] -= 0.5 * (deep + BEAM.parting_gap) * way[k]
             if not moved:
                 break
+
+
+@lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
+def sampled(
+    fruits: tuple[SceneObject, ...], searched: int, states: int, vertical: tuple[float, ...]
+) -> Stems:
+    """``searched`` states for the search, the perceived one first, then ``states`` for the harm.
+
+    A path does better in the states that it was chosen in: its harm is predicted in other states.
+    The samples for the harm have the spread of the errors, those for the search a wider spread.
+    """
+    up, samples = np.array(vertical), searched - 1 + states
+    wider = np.where(np.arange(samples) < searched - 1, PUSH.hanging.wider, 1.0)[:, None]
+    cases = _cases(fruits, up)
+    seen, count = cases[0], len(fruits)
+    sure = [fruit.covariance is None for fruit in fruits]
+    deviation = np.sqrt([rules.detection_variance(fruit) for fruit in fruits])
+    spread = np.where(sure, PUSH.hanging.shift, deviation * wider)
+    turn = np.where(sure, PUSH.hanging.turn, PUSH.hanging.detected_turn)
+    told = [None if fruit.stem is None else fruit.stem.tilt for fruit in fruits]
+    turn = np.array([own if own is not None else by for own, by in zip(told, turn, strict=True)])
+    turn = np.deg2rad(turn) * seen.length
+    shifted, swung = np.random.default_rng(0).standard_normal((2, samples, count, 3))
+    shift = spread[..., None] * shifted
+    swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
+    place = np.array([hanging_balls(fruit).center for fruit in fruits])
+    hidden = [fruit.stem is not None and fruit.stem.unseen for fruit in fruits]
+    longer = np.exp(np.where(hidden, UNSEEN_SPREAD, 0.0) * (swung @ up)) - 1.0
+    swing = swing + longer[..., None] * (seen.root - place)
+    places = np.concatenate([place[None], place + shift])
+    roots = np.concatenate([seen.root[None], seen.root + shift + swing])
+    part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
+    size, turn = uniform(1, (2, (samples + 1) * count))
+    beam = PUSH.beam
+    size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
+    return bowed(stems_moved(cases, roots, places), size, 2.0 * np.pi * turn)
+
+
+def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[Stems]:
+    """The expected stems; where stiffnesses are uncertain, also all stems softer, and all stiffer.
+
+    The stems of a plant are alike.
+    """
+    told = [fruit.physical for fruit in fruits]
+    assumed = [1.0 if "stem_stiffness" in each else BEAM.stiffness_spread for each in told]
+    spreads = zip(told, assumed, strict=True)
+    wide = np.array([each.get("stem_stiffness_spread", usual) for each, usual in spreads])
+    if (wide == 1.0).all():
+        return [stems(fruits, up)]
+    factors = np.stack([np.ones(len(fruits)), 1.0 / wide, wide])
+    if (parents(fruits) >= 0).any():
+        return [stems(fruits, up, factor) for factor in factors]
+    every, count = stems([*fruits] * len(factors), up, factors.ravel()), len(fruits)
+    return [
+        Stems(*(values[k : k + count] for values in every))
+        for k in range(0, len(factors) * count, count)
+    ]

@@ -8,7 +8,7 @@ pass all neighbours in the same direction.
 import copy
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -34,15 +34,12 @@ from optipromp.core.pushing.stems import bending, kept_states, swinging
 from optipromp.core.pushing.stems.cup import Mouth, fits, steps_inside
 from optipromp.core.robots.cup_cover import NECK_RADIUS
 from optipromp.core.robots.grippers import Scissor, Suction
-from optipromp.core.robots.ik import uniform
 from optipromp.core.robots.mounted import unmounted
 from optipromp.core.robots.tool_protocol import Tool, finger_width
 from optipromp.core.robots.tools import WALL, cone_of
-from optipromp.core.scenes.objects import UNSEEN_SPREAD
 from optipromp.core.scenes.scene import Scene, SceneObject, packed, rows_around
 
 HANGING = PUSH.hanging
-BEAM = PUSH.beam
 TOGETHER = 4  # states whose harm is computed between two steps of a plan that works in slices
 WEIGHT = 4  # of these states, in steps, measured: a step takes 1 ms in the median, 4 states 2 to 5
 NEW = np.zeros((0, 0, 0))  # kept of a push that begins
@@ -245,7 +242,7 @@ class Hanging(PushModel):
         self.risk, self.threshold = risk, self.calibration.allowed(risk)
         self.searched = HANGING.screened_states if detected else HANGING.screened_known
         self.states = HANGING.detected_states if detected else HANGING.states
-        self.stems = sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
+        self.stems = bending.sampled(fruits, self.searched, self.states, tuple(scene.up.tolist()))
         self.least = unfit(scene, tool, self.stems.axes[:: self.count, 2], self.searched)
         self.least += max(pressed_at_end(scene, tool) / PUSH.harm.target_force - 1.0, 0.0)
         self.good = PUSH.harm.good + self.least
@@ -560,60 +557,3 @@ def fingers_of(scene: Scene, tool: Tool) -> tuple[float, ...]:
     x, y, z = ((np.concatenate(palm) - tool.point) @ tool.rotation).T if palm else np.zeros((3, 1))
     sizes = float(np.abs(x).max()), float(np.abs(y).max()), float(z.min())
     return cut, finger_width(tool), *scene.frame[0].tolist(), *sizes
-
-
-@lru_cache(maxsize=4)  # by identity: all approaches to a target meet the same fruits
-def sampled(
-    fruits: tuple[SceneObject, ...], searched: int, states: int, vertical: tuple[float, ...]
-) -> bending.Stems:
-    """``searched`` states for the search, the perceived one first, then ``states`` for the harm.
-
-    A path does better in the states that it was chosen in: its harm is predicted in other states.
-    The samples for the harm have the spread of the errors, those for the search a wider spread.
-    """
-    up, samples = np.array(vertical), searched - 1 + states
-    wider = np.where(np.arange(samples) < searched - 1, HANGING.wider, 1.0)[:, None]
-    cases = _cases(fruits, up)
-    seen, count = cases[0], len(fruits)
-    sure = [fruit.covariance is None for fruit in fruits]
-    deviation = np.sqrt([rules.detection_variance(fruit) for fruit in fruits])
-    spread = np.where(sure, HANGING.shift, deviation * wider)
-    turn = np.where(sure, HANGING.turn, HANGING.detected_turn)
-    told = [None if fruit.stem is None else fruit.stem.tilt for fruit in fruits]
-    turn = np.array([own if own is not None else by for own, by in zip(told, turn, strict=True)])
-    turn = np.deg2rad(turn) * seen.length
-    shifted, swung = np.random.default_rng(0).standard_normal((2, samples, count, 3))
-    shift = spread[..., None] * shifted
-    swing = turn[:, None] * (swung - (swung @ up)[..., None] * up)  # level
-    place = np.array([bending.hanging_balls(fruit).center for fruit in fruits])
-    hidden = [fruit.stem is not None and fruit.stem.unseen for fruit in fruits]
-    longer = np.exp(np.where(hidden, UNSEEN_SPREAD, 0.0) * (swung @ up)) - 1.0
-    swing = swing + longer[..., None] * (seen.root - place)
-    places = np.concatenate([place[None], place + shift])
-    roots = np.concatenate([seen.root[None], seen.root + shift + swing])
-    bending.part(places, roots, seen.radius, seen.above, (1.0 - seen.upper) * seen.length)
-    size, turn = uniform(1, (2, (samples + 1) * count))
-    beam = PUSH.beam
-    size = beam.bow_least + size * (beam.bow_most - beam.bow_least)
-    return bending.bowed(bending.stems_moved(cases, roots, places), size, 2.0 * np.pi * turn)
-
-
-def _cases(fruits: Sequence[SceneObject], up: FloatArray) -> list[bending.Stems]:
-    """The expected stems; where stiffnesses are uncertain, also all stems softer, and all stiffer.
-
-    The stems of a plant are alike.
-    """
-    told = [fruit.physical for fruit in fruits]
-    assumed = [1.0 if "stem_stiffness" in each else BEAM.stiffness_spread for each in told]
-    spreads = zip(told, assumed, strict=True)
-    wide = np.array([each.get("stem_stiffness_spread", usual) for each, usual in spreads])
-    if (wide == 1.0).all():
-        return [bending.stems(fruits, up)]
-    factors = np.stack([np.ones(len(fruits)), 1.0 / wide, wide])
-    if (bending.parents(fruits) >= 0).any():
-        return [bending.stems(fruits, up, factor) for factor in factors]
-    every, count = bending.stems([*fruits] * len(factors), up, factors.ravel()), len(fruits)
-    return [
-        bending.Stems(*(values[k : k + count] for values in every))
-        for k in range(0, len(factors) * count, count)
-    ]
