@@ -18,6 +18,7 @@ from optipromp_ros.trajectories import NANO, hear, nanoseconds
 from optipromp_ros.types import Message
 
 OLD = 1.0  # [s] of a state after which the arm may be elsewhere: a choice
+UNHEARD = "no joint states were heard"
 BEGIN = Guard()  # of an executor, by which a curve begins where the arm is
 
 
@@ -41,7 +42,7 @@ class ArmState:
     measured: Measured
     turns: Turns
     old: float = OLD
-    why: str = "no joint states were heard"
+    why: str = UNHEARD
     origin: int = 0
     came: int | None = None
     since: int = 0
@@ -63,19 +64,20 @@ class ArmState:
         """After a ``sensor_msgs/JointState`` that came at ``now`` [ns].
 
         Raises:
-            InvalidRequestError: it has none of the arm's joints.
+            InvalidRequestError: it has none of the arm's joints; the first such is :attr:`why`.
         """
         before = 0 if self.newest is None else self.newest[0]
         stamp = nanoseconds(item.header.stamp) or now or before + 1
         measured, origin = copy(self.measured), self.origin or stamp
         try:
-            hear(measured, item, (stamp - origin) / NANO)
+            told = hear(measured, item, (stamp - origin) / NANO) and self.told
         except InvalidRequestError as error:
             if not measured.mine(item.name):
-                raise
+                if self.why != UNHEARD:
+                    raise
+                return replace(self, why=f"{UNHEARD}: {error.message}")
             measured.forget()
             return ArmState(measured, self.turns, self.old, error.message)
-        told = self.told and len(item.velocity) > 0
         after = replace(self, measured=measured, why="", origin=origin, came=now, told=told)
         if (newest := after.newest) is None:
             return after

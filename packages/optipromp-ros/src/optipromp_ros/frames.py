@@ -36,7 +36,8 @@ def known_frames(
     The empty name is that of the base frame. ``world`` is the frame in which the base has the pose
     ``base`` (None: the base frame). Links stand behind the ``prefix``; those that move, and
     :data:`TOOL`, are known with the arm at ``q`` (n,). A link beyond a joint that is not the arm's
-    (a finger) may be elsewhere than its file says, and is not known.
+    (a finger) may be elsewhere than its file says, and is not known. A link called ``world`` stands
+    for itself.
     """
     found = {"": Pose(), prefix + root_of(robot): Pose()}
     if q is not None:
@@ -48,7 +49,8 @@ def known_frames(
             found[prefix + name] = Pose(origins[link.segment], turns[link.segment]) @ place_of(link)
     if q is not None:
         found[TOOL] = tool_frame(robot, q)
-    return {**found, WORLD: Pose() if base is None else base.inverse()}
+    found.setdefault(WORLD, Pose() if base is None else base.inverse())
+    return found
 
 
 def link_prefix(names: Collection[str], robot: Robot, joints: str | None, stated: str = "") -> str:

@@ -1,6 +1,7 @@
 """A scene that messages change; of a ``moveit_msgs/PlanningScene``; goals of ``Constraints``."""
 
 import math
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, fields, replace
@@ -119,6 +120,11 @@ class LiveScene:
             )
         elif any(item.role == "target" for item in objects):
             known |= {"goal": None, "waypoints": None}
+        elif known.get("goal") is None:
+            raise InvalidSceneError(
+                "no target: the id of one object must begin with 'target/' (of others to push with "
+                "'pushable/', to avoid with 'avoid/'), or the request must have a goal"
+            )
         return Scene(objects=objects, **known)
 
     def heard(self, item: Message, now: int | None = None) -> "LiveScene":
@@ -446,6 +452,11 @@ def _read(one: Message, k: int, given: DetectionParameters) -> SceneObject | Non
     name = best.hypothesis.class_id
     role = given.roles.get(name)
     if role is None:
+        warnings.warn(
+            f"detections of class {name!r} are left out: --role {name}=target, pushable or avoid "
+            "says what they are",
+            stacklevel=4,
+        )
         return None
     pose = read_pose(one.bbox.center)
     covariance = np.array(best.pose.covariance, dtype=np.float64)

@@ -200,6 +200,10 @@ class PickLoop:
         at, state = newest
         if abs(then + gone - at) > p.state_age:
             return False  # nothing was heard: it may have waited
+        times = self._arm.series()[-1].times
+        heard = times[(times > then) & (times < then + gone)]
+        if np.diff(heard, prepend=then, append=then + gone).max() <= p.clock_step:
+            return False  # states came all the while: the cycle is late
         if self._line is None:
             return True
         apart, line = self.controller.robot.apart, self._line
@@ -224,7 +228,8 @@ class PickLoop:
             stretch = self.controller.driver.brake(begins, line.at(begins))
             self._line = line.take(stretch, since)
         assert self._origin is not None
-        return trajectories.stretch_trajectory(stretch, self._origin, self._rate, self._prefix)
+        before = self._arm.prefix or ""
+        return trajectories.stretch_trajectory(stretch, self._origin, self._rate, before)
 
     def status(self) -> Message:
         """A ``diagnostic_msgs/DiagnosticStatus``: the last decision, the stage and the fruits."""
@@ -321,7 +326,7 @@ def answer(
         options: of the plan; the request's planning time replaces its timeout.
         demonstrations: as for :func:`optipromp.plan`.
         rate: of the points of the answer [Hz]; None: the rows of the plan.
-        prefix: of joint and link names in ROS.
+        prefix: of joint and link names in ROS; empty: the answer names joints as their states do.
         now: by the clock of the joint states [ns]; after :data:`optipromp_ros.arm_state.OLD` they
             are refused. None: they are recorded, and their age is not judged.
 
@@ -329,7 +334,7 @@ def answer(
         The answer; to a request that cannot be used, the code and the message of the error.
     """
     prefix = prefix or world.prefix
-    world = replace(world, prefix=prefix)
+    world, spoken = replace(world, prefix=prefix), prefix or world.arm.measured.prefix or ""
     try:
         _refuse_unread(request)
         _refuse_another_arm(request.group_name, world)
@@ -355,14 +360,14 @@ def answer(
     except OptiPrompError as error:
         return PlanAnswer(_response(request, error.code, error.message))
     motion = made.trajectory
-    start = trajectories.robot_state(motion.at(0.0), motion.joint_names, prefix)
+    start = trajectories.robot_state(motion.at(0.0), motion.joint_names, spoken)
     done = {"trajectory_start": start, "planning_time": made.time["total"]}
     if made.success:
-        done["trajectory"] = trajectories.robot_trajectory(motion, rate, prefix)
+        done["trajectory"] = trajectories.robot_trajectory(motion, rate, spoken)
     return PlanAnswer(
         response=_response(request, made.status, made.message, **done),
-        trajectory=trajectories.joint_trajectory(motion, rate, prefix) if made.success else None,
-        display=trajectories.display_trajectory([motion], made.robot.name, rate, prefix),
+        trajectory=trajectories.joint_trajectory(motion, rate, spoken) if made.success else None,
+        display=trajectories.display_trajectory([motion], made.robot.name, rate, spoken),
         plan=made,
     )
 

@@ -210,9 +210,15 @@ def _read(item: Message, joints: Sequence[str] | None, unwind: Unwind | None) ->
     return curve(times, rows, item.joint_names, names, unwind)
 
 
-def hear(arm: Measured, item: Message, time: float) -> None:
-    """Tell a reader of an arm's state a ``sensor_msgs/JointState`` of a ``time`` [s]."""
-    arm.heard(time, item.name, item.position, item.velocity)
+def hear(arm: Measured, item: Message, time: float) -> bool:
+    """Tell a reader of an arm's state a ``sensor_msgs/JointState`` of a ``time`` [s].
+
+    Returns whether it told all velocities. ``joint_state_broadcaster`` sends NaN for a joint whose
+    driver measures none; that velocity then counts as 0, as where a message has none.
+    """
+    speeds = np.asarray(item.velocity)
+    arm.heard(time, item.name, item.position, np.where(np.isnan(speeds), 0.0, speeds))
+    return len(speeds) > 0 and not np.isnan(speeds[arm.mine(item.name)]).any()
 
 
 def joint_motion(state: Message, joints: Sequence[str], what: str, prefix: str = "") -> State:
@@ -225,7 +231,7 @@ def joint_motion(state: Message, joints: Sequence[str], what: str, prefix: str =
         InvalidRequestError: a joint is missing, or a wrong value; begins with ``what``.
     """
     arm = Measured(joints, prefix=prefix, what=what)
-    hear(arm, state, 0.0)
+    arm.heard(0.0, state.name, state.position, state.velocity)
     arm.series()  # tells what is missing
     assert arm.newest is not None
     return arm.newest[1]

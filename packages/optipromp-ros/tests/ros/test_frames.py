@@ -108,6 +108,9 @@ def test_the_links_of_a_file_with_a_hand_are_known_frames(tmp_path: Path) -> Non
         np.testing.assert_allclose(known[name].position, want.position, atol=1e-12)
         np.testing.assert_allclose(known[name].rotation, want.rotation, atol=1e-12)
     assert set(known_frames(arm)) == {"", "base", "mark", "world"}
+    (tmp_path / "b.urdf").write_text(robot(*series("a", "world", 6)))
+    rooted = known_frames(load_robot(tmp_path / "b.urdf"), base=Pose([0.0, 0.0, 2.0]))
+    assert rooted["world"].is_identity, "its own link of that name"
 
 
 PANDA = load_robot("panda")

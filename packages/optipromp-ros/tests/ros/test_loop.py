@@ -122,7 +122,7 @@ def by_messages(shift: float = 0.0, steady: bool = False, **silent: Any) -> Told
     feels = replace(CONTROL, weight_error=0.05)  # [N] of a sensor in the wrist
     # not in real time: the same on any machine
     controller = Controller(without_fruits(scene), parameters=feels)
-    loop = PickLoop(scene, parameters=parameters, controller=controller, prefix="fr3_")
+    loop = PickLoop(scene, parameters=parameters, controller=controller)
     camera = tool_frame(robot, start.q).inverse() @ eye.detector.camera(start.q)
     loop.heard(sent(frames(0, ("tool", "camera", camera))))
     done = Told(loop, Curves(robot.joint_names, start), camera, shift, steady, **silent)
@@ -203,13 +203,30 @@ def test_a_curve_that_does_not_meet_the_running_one_is_not_sent() -> None:
             assert motion.positions == pytest.approx(np.tile(START.q, (motion.n_waypoints, 1)))
 
 
+@pytest.mark.parametrize(("silent", "why"), [(False, "looking"), (True, "the clock was set for")])
+def test_a_cycle_that_is_late_is_no_clock_that_was_set(silent: bool, why: str) -> None:
+    """Without another clock: of an arm that stands, its states came all the while, or the last."""
+    loop = PickLoop(SCENE, prefix="fr3_")
+    for k in range(21):
+        now = EPOCH + 20_000_000 * k
+        if k in (0, 20) or not silent:
+            loop.heard(states(NAMES, START.q, now))
+        if k in (0, 20):
+            loop.tick(now)
+    assert loop.status().message.startswith(why)
+
+
 def test_detections_become_a_look() -> None:
     camera = Pose([0.3, 0.1, 0.5], frame_along(np.array([0.0, 0.6, 0.8])))
     slim = seen("unripe", [0.1, 0.0, 0.4], size=(0.02, 0.02, 0.04), up=(0.6, 0.0, 0.8))
     ripe = seen("ripe", [0.0, 0.05, 0.3], id="a")
     bare = seen("unripe-bare", [0.0, 0.1, 0.3], spread=np.zeros((3, 3)))
     item = sent(array(ripe, slim, bare, seen("leaf", [0.0, 0.0, 0.2]), stamp=EPOCH))
-    look = read_detections(item, {"camera": camera}, CLASSES, time=2.5)
+    given = (CLASSES, 2.5), (None, None), (replace(CLASSES, least_score=0.95), None)
+    with pytest.warns(UserWarning, match="are left out: --role (leaf|unripe-bare)=target"):
+        look, usual, sure = (
+            read_detections(item, {"camera": camera}, each, time=time) for each, time in given
+        )
     assert (look.time, look.camera) == (2.5, camera)
     first, second, third = look.detections
     assert [(o.id, o.role) for o in look.detections] == [
@@ -222,10 +239,8 @@ def test_detections_become_a_look() -> None:
     np.testing.assert_allclose(second.stem.points, [[0.1, 0.0, 0.4], [0.19, 0.0, 0.52]], atol=1e-12)
     assert third.stem is None
     np.testing.assert_allclose(third.covariance, 0.005**2 * np.eye(3))
-    assert read_detections(item, {"camera": camera}).time == pytest.approx(EPOCH / 1e9)
-    assert not read_detections(
-        item, {"camera": camera}, replace(CLASSES, least_score=0.95)
-    ).detections
+    assert usual.time == pytest.approx(EPOCH / 1e9)
+    assert not sure.detections
 
 
 def test_wrong_detections_are_named() -> None:

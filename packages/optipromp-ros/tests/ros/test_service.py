@@ -45,9 +45,10 @@ def joint_state(q, names=ROBOT.joint_names, velocity=(), stamp: int = 0):
 
 
 def world_of(scene, q=None):
-    """The world of a scene whose arm was heard, at the scene's start."""
+    """The world of a scene whose arm was heard, with a prefix that nobody stated, at its start."""
     arm = resolve(scene)
-    state = joint_state(arm.start if q is None else q, arm.robot.joint_names)
+    names = [PREFIX + name for name in arm.robot.joint_names]
+    state = joint_state(arm.start if q is None else q, names)
     return LiveScene.of(scene).heard(state)
 
 
@@ -88,6 +89,7 @@ def planned(**fields):
     """The answer to a request that is met, with the arm at the scene's start."""
     found = answer(world_of(SCENE), request(**fields))
     assert found.response.error_code.val == CODES["SUCCESS"], found.response.error_code.message
+    assert found.trajectory.joint_names == [PREFIX + name for name in ROBOT.joint_names]
     return found
 
 
@@ -187,7 +189,8 @@ def test_states_without_velocities_tell_of_a_motion(speed: float, rests: bool) -
     for k in range(75):
         now = SECOND + k * SECOND // 50
         q = SCENE.start + speed * k / 50 + noise.normal(0.0, 3e-4, 7)
-        world = world.heard(joint_state(q, stamp=now), now)
+        speeds = np.where(np.arange(7) == 3, np.nan, 0.0) if k % 2 else ()  # of one joint unknown
+        world = world.heard(joint_state(q, stamp=now, velocity=speeds), now)
     if rests:
         assert not world.arm.at_rest(now).moving
     else:
@@ -224,6 +227,7 @@ def test_the_arm_of_the_prefix_is_heard() -> None:
     world = LiveScene.of(SCENE, PREFIX).heard(joint_state(q, both))
     assert world.arm.known(None).q.tolist() == SCENE.start.tolist()
     other = joint_state(q[:7], both[:7])
+    assert "joint fr3_joint1, " in LiveScene.of(SCENE, PREFIX).heard(other).arm.why
     with pytest.raises(InvalidRequestError, match=r"fr3_joint1, .* is missing"):
         world.heard(other)
     for fields in (
@@ -241,6 +245,7 @@ def test_the_arm_of_the_prefix_is_heard() -> None:
         (0.011, 0.0, "the plan begins 0.011 from where joint"),
         (0.0, 0.5, "the plan begins with a velocity 0.5 from where joint"),
         (0.0, None, ""),  # nothing is said of velocities
+        (0.0, np.nan, ""),
     ],
 )
 def test_a_plan_begins_where_the_arm_is(q: float, velocity, words: str) -> None:

@@ -1,9 +1,9 @@
 """``optipromp ros-node``: the planner as a node of ROS 2; the only file that imports rclpy."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from importlib import import_module
 from multiprocessing import get_context
 from threading import Lock
@@ -18,7 +18,7 @@ from optipromp.core.errors import ExecutionError, InvalidRequestError, OptiPromp
 
 if TYPE_CHECKING:
     from optipromp_eyes.watcher import Watcher
-    from optipromp_ros import LiveScene, Message
+    from optipromp_ros import GuardFilter, LiveScene, Message, PickLoop
 
 HERE = 1.0  # [s] in which a controller that runs is found: a choice
 ACCEPTS = 5.0  # [s] in which a controller accepts a goal, or rejects it: a choice
@@ -27,7 +27,9 @@ SUCCEEDED = 4  # of action_msgs/GoalStatus
 WAITING = 20
 """Messages of a topic that wait to be heard, at most, chosen: an arm's states are not pushed out by
 its gripper's while a cycle runs, and 20 of an arm at 1 kHz are 20 ms late."""
+PICTURES = 5  # likewise, which are large
 OBJECTS = 1000  # likewise, of a scene, whose messages may come all at once
+ALONE = 5.0  # [s] after which topics are named that nobody publishes: a choice
 
 
 @command(reports=False)
@@ -96,8 +98,10 @@ def ros_node(
             "ros-node needs ROS 2 and finds no rclpy: source the setup.bash of a ROS 2 "
             "installation, and start it with the Python of that installation"
         ) from None
+    from optipromp_ros.guard import COMMAND
     from optipromp_ros.live import DETECTIONS
     from optipromp_ros.loop import WRENCH
+    from optipromp_ros.trajectories import JOINT_TRAJECTORY
 
     say_if_compiling()
     place, meaning = (
@@ -106,7 +110,8 @@ def ros_node(
     )
     if guard is not None:
         filtered = optipromp_ros.GuardFilter(place, meaning, prefix, takes_over)
-        _filter(filtered, guard, execute or "~/commands", detections)
+        asked = {guard: (COMMAND, 1), detections: (DETECTIONS, WAITING)}  # the newest command
+        _run(filtered, COMMAND, execute or "~/commands", asked)
     elif loop:
         seen = {detections: DETECTIONS} if pictures is None else _types(pictures)
         seen |= {} if wrench is None else {wrench: WRENCH}
@@ -114,7 +119,8 @@ def ros_node(
             pick = optipromp_ros.PickLoop(
                 place, parameters=meaning, rate=rate, prefix=prefix, watcher=watcher
             )
-            _pick(pick, seen, execute or "~/joint_trajectory")
+            topics = {topic: (kind, PICTURES) for topic, kind in seen.items()}
+            _run(pick, JOINT_TRAJECTORY, execute or "~/joint_trajectory", topics)
     else:
         settings = {"prefix": prefix, "rate": rate, "demonstrations": demonstrations}
         _serve(_World(optipromp_ros.LiveScene.of(place, prefix)), settings, execute)
@@ -143,7 +149,7 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
     import rclpy
     from moveit_msgs.srv import GetMotionPlan
     from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
-    from rclpy.executors import ExternalShutdownException, MultiThreadedExecutor
+    from rclpy.executors import MultiThreadedExecutor
     from rclpy.serialization import deserialize_message
 
     from optipromp_ros.loop import not_executed
@@ -159,7 +165,7 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
     def heard(item: "Message", topic: str) -> None:
         before, after = world.change(lambda known: known.heard(item, now()))
         if after.arm.why and after.arm is not before.arm:
-            warn(f"{topic}: {after.arm.why}")
+            warn(topic, after.arm.why)
         for what, why in after.unknown.items():
             if before.unknown.get(what) != why:
                 node.get_logger().warning(f"{topic}: {why}")
@@ -219,8 +225,7 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
     node.create_service(
         GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
     )  # beside that of what is heard
-    with suppress(ExternalShutdownException):
-        rclpy.spin(node, MultiThreadedExecutor(2))
+    _spin(node, "joint_states", executor=MultiThreadedExecutor(2))
 
 
 def _controller(
@@ -257,7 +262,8 @@ def _controller(
         goal = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=item))
         handle = waited(goal, "answer to the goal", ACCEPTS)
         if not handle.accepted:
-            raise ExecutionError(f"{action} rejected the plan")
+            moved = ", ".join(motion.joint_names)
+            raise ExecutionError(f"{action} rejected the plan of {moved}: its log says why")
         tell(f"{action} accepted the plan")
         done = waited(handle.get_result_async(), "result", duration + LATE)
         if done.status != SUCCEEDED or done.result.error_code:
@@ -269,43 +275,88 @@ def _controller(
     return execute
 
 
-def _filter(filtered: "optipromp_ros.GuardFilter", asked: str, moved: str, detections: str) -> None:
-    """Carry commands between ROS and the guard until the node is shut down; then the arm brakes.
+def _run(
+    agent: "GuardFilter | PickLoop", kind: str, moved: str, topics: Mapping[str, tuple[str, int]]
+) -> None:
+    """Carry messages between ROS and the guard or the loop, until a pick has ended and its curve is
+    sent, or the node is shut down; a guard brakes the arm then, as where an error ends the node.
 
-    So it does where an error ends the node. ROS's handlers of signals would end the topics first.
+    ROS's handlers of signals would end the topics first. The messages that move the arm are of the
+    type ``kind``. Of ``topics`` beside joint states are given the type and how many may wait.
     """
     import rclpy
     from rclpy.executors import ExternalShutdownException
     from rclpy.signals import SignalHandlerOptions
 
-    from optipromp_ros.guard import COMMAND
-    from optipromp_ros.live import DETECTIONS
+    from optipromp_ros.frames import TF
     from optipromp_ros.types import STATUS
 
-    def heard(item: "Message", _: str) -> None:
-        filtered.heard(item, node.get_clock().now().nanoseconds)
+    guard = agent if isinstance(agent, optipromp_ros.GuardFilter) else None
+    loop = agent if isinstance(agent, optipromp_ros.PickLoop) else None
+
+    def heard(item: "Message", topic: str) -> None:
+        if guard:
+            guard.heard(item, node.get_clock().now().nanoseconds)
+        if loop:
+            loop.heard(item, topic)
 
     def tick() -> None:
         states()
-        send(filtered.tick(node.get_clock().now().nanoseconds))
-        status(filtered.status())
+        clock = node.get_clock()
+        now = clock.now().nanoseconds
+        if guard:
+            send(guard.tick(now))
+        if loop:
+            steady = None if clock.ros_time_is_active else monotonic_ns()  # a simulation's: slow
+            if (curve := loop.tick(now, steady)) is not None:
+                send(curve)
+        status(agent.status())
+        if loop and loop.ended:
+            raise ExternalShutdownException
 
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("optipromp")
-    send = _publisher(node, moved, COMMAND)
-    status = _publisher(node, "~/status", STATUS)
-    _listen(node, asked, COMMAND, heard, 1)  # the newest
+    send, status = _publisher(node, moved, kind), _publisher(node, "~/status", STATUS)
     states = _listen(node, "joint_states", "sensor_msgs/msg/JointState", heard)
-    _listen(node, detections, DETECTIONS, heard)
-    period = filtered.guard.parameters.period
+    if loop:
+        _listen(node, "/tf_static", TF, heard, kept=True)
+    for topic, (name, depth) in topics.items():
+        _listen(node, topic, name, heard, depth)
+    decides = agent.guard if isinstance(agent, optipromp_ros.GuardFilter) else agent.controller
+    period = decides.parameters.period
     node.create_timer(period, tick)
-    with suppress(ExternalShutdownException):
-        try:
-            rclpy.spin(node)
-        finally:
-            for made in filtered.ending() if rclpy.ok() else ():
-                send(made)
-                sleep(period)
+    try:
+        _spin(node, "joint_states", *topics)
+    finally:
+        for made in guard.ending() if guard and rclpy.ok() else ():
+            send(made)
+            sleep(period)
+
+
+def _spin(node: Any, *needed: str, executor: Any = None) -> None:
+    """Let the node work until it is shut down; its log names ``needed`` topics that nobody has."""
+    import rclpy
+    from rclpy.clock import Clock, ClockType
+    from rclpy.executors import ExternalShutdownException
+
+    def look() -> None:
+        alone.cancel()
+        clock = ["/clock"] if node.get_clock().ros_time_is_active else []
+        topics = map(node.resolve_topic_name, [*needed, *clock])
+        if silent := [name for name in topics if not node.count_publishers(name)]:
+            node.get_logger().warning(
+                f"nobody publishes {', '.join(silent)}: start who does, on this ROS_DOMAIN_ID, or "
+                "name its topic, as in --ros-args -r joint_states:=/arm/joint_states"
+            )
+
+    alone = node.create_timer(ALONE, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    try:
+        rclpy.spin(node, executor)
+    except ExternalShutdownException:
+        pass
+    except RuntimeError:  # rclpy's RCLError, of a shutdown as it was about to wait
+        if rclpy.ok():
+            raise
 
 
 def _kind(name: str) -> Any:
@@ -354,7 +405,7 @@ def _listen(
             item = optipromp_ros.from_bytes(data, name)
             take(item, topic)
         except OptiPrompError as error:
-            warn(f"{topic}: {error}")
+            warn(topic, error.message)
             if item is None and lost is not None:
                 lost(topic, error.message)
 
@@ -379,11 +430,12 @@ def _listen(
     return waiting
 
 
-def _warner(node: Any) -> Callable[[str], None]:
-    """What warns in the node's log, once of each thing, whatever the measured values in it."""
+def _warner(node: Any) -> Callable[[str, str], None]:
+    """What warns of a topic in the node's log, once of each thing, whatever the values in it."""
     said = set[str]()
 
-    def warn(text: str) -> None:
+    def warn(topic: str, why: str) -> None:
+        text = f"{topic}: {why.removeprefix(f'{topic}: ')}"
         kind = re.sub(r"\d+\.\d+", "#", text)
         if kind not in said:
             said.add(kind)
@@ -421,36 +473,3 @@ def _watcher(
     p = eyes_of(scene.crop, eyes)
     with ProcessPoolExecutor(1, get_context("spawn")) as process:
         yield Watcher(up=scene.up, parameters=p, executor=process)
-
-
-def _pick(loop: "optipromp_ros.PickLoop", seen: dict[str, str], moved: str) -> None:
-    """Carry messages between ROS and the loop until the pick has ended and its curve is sent."""
-    import rclpy
-    from rclpy.executors import ExternalShutdownException
-
-    from optipromp_ros.frames import TF
-    from optipromp_ros.trajectories import JOINT_TRAJECTORY
-    from optipromp_ros.types import STATUS
-
-    def tick() -> None:
-        states()
-        clock = node.get_clock()
-        steady = None if clock.ros_time_is_active else monotonic_ns()  # a simulation's may be slow
-        made = loop.tick(clock.now().nanoseconds, steady)
-        if made is not None:
-            curve(made)
-        status(loop.status())
-        if loop.ended:
-            raise ExternalShutdownException
-
-    rclpy.init()
-    node = rclpy.create_node("optipromp")
-    curve = _publisher(node, moved, JOINT_TRAJECTORY)
-    status = _publisher(node, "~/status", STATUS)
-    _listen(node, "/tf_static", TF, loop.heard, kept=True)
-    states = _listen(node, "joint_states", "sensor_msgs/msg/JointState", loop.heard)
-    for topic, name in seen.items():
-        _listen(node, topic, name, loop.heard, 5)  # pictures are large
-    node.create_timer(loop.controller.parameters.period, tick)
-    with suppress(ExternalShutdownException):
-        rclpy.spin(node)

@@ -353,6 +353,16 @@ def test_roles_and_topics_that_are_none_are_refused() -> None:
         assert (result.exit_code, told in result.stderr) == (2, True)
 
 
+def test_a_node_alone_names_the_topics_that_nobody_publishes(start: Any, tmp_path: Path) -> None:
+    alone, end = start("-m", "optipromp", "ros-node", "scenario-3", *CAMERA[-3:]), time.monotonic()
+    while "nobody publishes /joint_states, /clock: " not in (tmp_path / "0.log").read_text():
+        assert time.monotonic() < end + LONGEST, "it did not come"
+        time.sleep(0.1)
+    alone.send_signal(signal.SIGINT)
+    alone.wait(LONGEST)
+    assert "Traceback" not in (tmp_path / "0.log").read_text()
+
+
 @pytest.mark.parametrize("end", ["silence", "SIGTERM"])
 def test_a_guard_never_falls_silent(node: Any, start: Any, end: str) -> None:
     """The arm follows what it was sent last; then its states stop, or the guard is ended."""
