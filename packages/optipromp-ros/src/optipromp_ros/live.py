@@ -121,10 +121,7 @@ class LiveScene:
         elif any(item.role == "target" for item in objects):
             known |= {"goal": None, "waypoints": None}
         elif known.get("goal") is None:
-            raise InvalidSceneError(
-                "no target: the id of one object must begin with 'target/' (of others to push with "
-                "'pushable/', to avoid with 'avoid/'), or the request must have a goal"
-            )
+            raise InvalidSceneError("no target: no id begins with 'target/', no goal is stated")
         return Scene(objects=objects, **known)
 
     def heard(self, item: Message, now: int | None = None) -> "LiveScene":
@@ -250,11 +247,8 @@ def _unread(item: Message) -> Iterator[tuple[str, str]]:
     if size:
         what = "world.octomap"
         yield what, f"{what} holds {size} bytes: must be empty; give collision objects"
-    for field_, links, usual in (
-        ("padding", item.link_padding, 0.0),
-        ("scale", item.link_scale, 1.0),
-    ):
-        for link in links:
+    for field_, usual in (("padding", 0.0), ("scale", 1.0)):
+        for link in getattr(item, f"link_{field_}"):
             what, value = f"link_{field_} of {link.link_name!r}", getattr(link, field_)
             told = f"{what} is {value:g}: must be {usual:g}; a plan's options have its clearances"
             yield what, "" if value == usual else told
@@ -452,11 +446,7 @@ def _read(one: Message, k: int, given: DetectionParameters) -> SceneObject | Non
     name = best.hypothesis.class_id
     role = given.roles.get(name)
     if role is None:
-        warnings.warn(
-            f"detections of class {name!r} are left out: --role {name}=target, pushable or avoid "
-            "says what they are",
-            stacklevel=4,
-        )
+        warnings.warn(f"class {name!r} is left out: it has no --role {name}=ROLE", stacklevel=4)
         return None
     pose = read_pose(one.bbox.center)
     covariance = np.array(best.pose.covariance, dtype=np.float64)

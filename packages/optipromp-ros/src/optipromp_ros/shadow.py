@@ -51,10 +51,8 @@ def load_picks(
             fingers.append((stamp_of(item), float(value)))
     arm, origin = where.arm
     arm.series()  # tells what is missing
-    looks, still = (
-        list[Look](),
-        known_frames(posed(scene)[0], prefix or arm.prefix or "", scene.base),
-    )
+    still = known_frames(posed(scene)[0], prefix or arm.prefix or "", scene.base)
+    looks = list[Look]()
     for item in seen:
         name, stamp = item.message.header.frame_id, stamp_of(item)
         known = still if name in still else {name: where.at(name, stamp)}

@@ -223,7 +223,7 @@ def test_detections_become_a_look() -> None:
     bare = seen("unripe-bare", [0.0, 0.1, 0.3], spread=np.zeros((3, 3)))
     item = sent(array(ripe, slim, bare, seen("leaf", [0.0, 0.0, 0.2]), stamp=EPOCH))
     given = (CLASSES, 2.5), (None, None), (replace(CLASSES, least_score=0.95), None)
-    with pytest.warns(UserWarning, match="are left out: --role (leaf|unripe-bare)=target"):
+    with pytest.warns(UserWarning, match="left out: it has no --role (leaf|unripe-bare)="):
         look, usual, sure = (
             read_detections(item, {"camera": camera}, each, time=time) for each, time in given
         )

@@ -261,7 +261,7 @@ def test_differences_are_applied_to_what_is_known() -> None:
     )  # fmt: skip
     assert after.target.id == scene.target.id
     nothing = world.heard(by_hand("", operation=1))
-    with pytest.raises(InvalidSceneError, match="id of one object must begin with 'target/'"):
+    with pytest.raises(InvalidSceneError, match="no id begins with 'target/'"):
         nothing.scene()
 
 

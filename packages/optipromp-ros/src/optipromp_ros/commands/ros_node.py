@@ -104,10 +104,7 @@ def ros_node(
     from optipromp_ros.trajectories import JOINT_TRAJECTORY
 
     say_if_compiling()
-    place, meaning = (
-        optipromp.load_scene(scene),
-        None if role is None else optipromp_ros.live.meaning(role),
-    )
+    place, meaning = optipromp.load_scene(scene), optipromp_ros.live.meaning(role or ())
     if guard is not None:
         filtered = optipromp_ros.GuardFilter(place, meaning, prefix, takes_over)
         asked = {guard: (COMMAND, 1), detections: (DETECTIONS, WAITING)}  # the newest command
@@ -262,8 +259,7 @@ def _controller(
         goal = client.send_goal_async(FollowJointTrajectory.Goal(trajectory=item))
         handle = waited(goal, "answer to the goal", ACCEPTS)
         if not handle.accepted:
-            moved = ", ".join(motion.joint_names)
-            raise ExecutionError(f"{action} rejected the plan of {moved}: its log says why")
+            raise ExecutionError(f"{action} rejected the plan: its log says why")
         tell(f"{action} accepted the plan")
         done = waited(handle.get_result_async(), "result", duration + LATE)
         if done.status != SUCCEEDED or done.result.error_code:

@@ -1,7 +1,7 @@
 """Build the message packages of ROS 2 that have no wheel, into the environment that runs this.
 
 The generators of the wheels make them (cmake and a C++ compiler are needed). The definitions are
-those that the project reads messages by; an action and a service are written here.
+those that the project reads messages by, and those of an action and a service in ``definitions``.
 """
 
 import os
@@ -16,57 +16,13 @@ from pathlib import Path
 
 from optipromp_ros import typestore
 
-ENVIRONMENT = Path(sys.prefix)
+HERE, ENVIRONMENT = Path(__file__).parent, Path(sys.prefix)
 WANTED = (  # what the node speaks, and what is in it
     "tf2_msgs/msg/TFMessage", "vision_msgs/msg/Detection3DArray", "moveit_msgs/msg/PlanningScene",
     "moveit_msgs/msg/DisplayTrajectory", "moveit_msgs/msg/MotionPlanRequest",
     "moveit_msgs/msg/MotionPlanResponse",
 )  # fmt: skip
-FURTHER = {  # by package, as the real ones have them
-    ("moveit_msgs", "srv/GetMotionPlan.srv"): (
-        "MotionPlanRequest motion_plan_request\n---\nMotionPlanResponse motion_plan_response\n"
-    ),
-    ("control_msgs", "msg/JointTolerance.msg"): (
-        "string name\nfloat64 position\nfloat64 velocity\nfloat64 acceleration\n"
-    ),
-    ("control_msgs", "msg/JointComponentTolerance.msg"): (
-        "uint16 X_AXIS=1\nuint16 Y_AXIS=2\nuint16 Z_AXIS=3\nuint16 TRANSLATION=4\n"
-        "uint16 ROTATION=5\nstring joint_name\nuint16 component\nfloat64 position\n"
-        "float64 velocity\nfloat64 acceleration\n"
-    ),
-    ("control_msgs", "action/FollowJointTrajectory.action"): (
-        "trajectory_msgs/JointTrajectory trajectory\n"
-        "trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory\n"
-        "JointTolerance[] path_tolerance\nJointComponentTolerance[] component_path_tolerance\n"
-        "JointTolerance[] goal_tolerance\nJointComponentTolerance[] component_goal_tolerance\n"
-        "builtin_interfaces/Duration goal_time_tolerance\n---\nint32 error_code\n"
-        "int32 SUCCESSFUL = 0\nint32 INVALID_GOAL = -1\nint32 INVALID_JOINTS = -2\n"
-        "int32 OLD_HEADER_TIMESTAMP = -3\nint32 PATH_TOLERANCE_VIOLATED = -4\n"
-        "int32 GOAL_TOLERANCE_VIOLATED = -5\nstring error_string\n---\nstd_msgs/Header header\n"
-        "string[] joint_names\ntrajectory_msgs/JointTrajectoryPoint desired\n"
-        "trajectory_msgs/JointTrajectoryPoint actual\ntrajectory_msgs/JointTrajectoryPoint error\n"
-        "int32 index\nstring[] multi_dof_joint_names\n"
-        "trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_desired\n"
-        "trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual\n"
-        "trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error\nint32 multi_dof_index\n"
-    ),
-}
 HEADING = "=" * 80  # between the definitions of a type and of those in it
-BUILD = """cmake_minimum_required(VERSION 3.16)
-project({name})
-find_package(ament_cmake REQUIRED)
-find_package(rosidl_cmake REQUIRED)
-find_package(rosidl_generator_type_description REQUIRED)
-find_package(rosidl_generator_c REQUIRED)
-find_package(rosidl_generator_cpp REQUIRED)
-find_package(rosidl_typesupport_fastrtps_cpp REQUIRED)
-find_package(rosidl_typesupport_fastrtps_c REQUIRED)
-find_package(rosidl_typesupport_c REQUIRED)
-find_package(rosidl_generator_py REQUIRED)
-{found}
-rosidl_generate_interfaces(${{PROJECT_NAME}} {files} DEPENDENCIES {needs})
-ament_package()
-"""
 ABOUT = """<package format="3"><name>{name}</name><version>0.0.0</version>
 <description>for tests</description><maintainer email="none@example.org">none</maintainer>
 <license>BSD-3-Clause</license><buildtool_depend>ament_cmake</buildtool_depend>{needs}
@@ -77,8 +33,9 @@ ABOUT = """<package format="3"><name>{name}</name><version>0.0.0</version>
 def definitions() -> dict[str, dict[str, str]]:
     """The files of each package that is not installed, by the name of the package."""
     found: dict[str, dict[str, str]] = {}
-    for (package, file), text in FURTHER.items():
-        found.setdefault(package, {})[file] = text
+    for file in (HERE / "definitions").rglob("*.*"):
+        package, name = file.relative_to(HERE / "definitions").as_posix().split("/", 1)
+        found.setdefault(package, {})[name] = file.read_text()
     for wanted in WANTED:
         first, *others = typestore().generate_msgdef(wanted, ros_version=2)[0].split(HEADING)
         texts = {wanted.replace("/msg/", "/"): first}
@@ -105,10 +62,7 @@ def build(name: str, files: dict[str, str], work: Path) -> None:
         (folder / file).parent.mkdir(parents=True, exist_ok=True)
         (folder / file).write_text(text)
     used = sorted(needs(files, name)) or ["builtin_interfaces"]
-    found = "\n".join(f"find_package({one} REQUIRED)" for one in used)
-    (folder / "CMakeLists.txt").write_text(
-        BUILD.format(name=name, found=found, files=" ".join(files), needs=" ".join(used))
-    )
+    shutil.copy(HERE / "CMakeLists.txt", folder)
     depends = "".join(f"<depend>{one}</depend>" for one in used)
     (folder / "package.xml").write_text(ABOUT.format(name=name, needs=depends))
     prefix = str(ENVIRONMENT)
@@ -120,6 +74,7 @@ def build(name: str, files: dict[str, str], work: Path) -> None:
     call = [
         "cmake", "-S", str(folder), "-B", str(folder / "build"),
         f"-DPython3_EXECUTABLE={sys.executable}", f"-DCMAKE_INSTALL_PREFIX={folder / 'made'}",
+        f"-DNAME={name}", f"-DFILES={';'.join(files)}", f"-DNEEDS={';'.join(used)}",
     ]  # fmt: skip
     told = subprocess.run(call, env=env, capture_output=True, text=True, check=False)
     call = ["make", "-C", str(folder / "build"), "-j2", "install"]

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from tests.ros.camera_messages import frames
+from tests.ros.camera_messages import frames, states
 from tests.ros.curves import Curves
 from tests.ros.looks import array_of
 from tf2_msgs.msg import TFMessage
@@ -41,11 +41,6 @@ BEGIN = 1_790_000_000.0  # [s] by the clock
 PREFIX = "fr3_"
 
 
-def stamp(now: float) -> Any:
-    """A time [s] as a message."""
-    return Time(sec=int(now), nanosec=round(now % 1.0 * 1e9) % 10**9)
-
-
 class Nodes:
     """The nodes of the arm and of the camera, as an agent of ``rollout``: what decides is another
     node."""
@@ -64,7 +59,7 @@ class Nodes:
         self.where = camera.create_publisher(TFMessage, "/tf_static", durable)
         at = tool_frame(robot, start.q).inverse() @ eye.detector.camera(start.q)
         self.where.publish(to_bytes(frames(0, ("tool", "camera", at))))
-        self.late: JointState | None = None
+        self.late: bytes | None = None
         self.held, self.sent = list[Look](), 0
 
     def heard(self, data: bytes) -> None:
@@ -73,11 +68,10 @@ class Nodes:
     def told(self, item: DiagnosticStatus) -> None:
         self.closed |= {one.key: one.value for one in item.values}.get("gripper") == "close"
 
-    def say(self, state: State, now: float) -> None:
-        """Publish a state as most drivers do, without efforts; every tenth after the next."""
-        item = JointState(name=[PREFIX + name for name in self.curves.joints])
-        item.header.stamp = stamp(now)
-        item.position, item.velocity = state.q.tolist(), state.velocity.tolist()
+    def say(self, state: State, now: int) -> None:
+        """Publish a state; every tenth after the next."""
+        names = [PREFIX + name for name in self.curves.joints]
+        item = to_bytes(states(names, state.q, now, state.velocity))
         self.sent += 1
         if self.sent % 10 == 0:
             self.late = item
@@ -90,8 +84,9 @@ class Nodes:
     def __call__(self, pick: Pick[Any]) -> list[State] | None:
         """The references of a cycle; see :class:`optipromp_sim.simulation.rollouts.Agent`."""
         now = BEGIN + pick.arena.time
-        self.clock.publish(Clock(clock=stamp(now)))
-        self.say(pick.state, now)
+        stamp = round(now * 1e9)
+        self.clock.publish(Clock(clock=Time(sec=stamp // 10**9, nanosec=stamp % 10**9)))
+        self.say(pick.state, stamp)
         self.held += pick.looks
         if len(self.held) > 1:
             for look in self.held[::-1]:
