@@ -35,6 +35,7 @@ def refused(*words: object) -> str:
     """What a command says that refuses its input, in one line."""
     done = invoke(*words)
     assert done.exit_code == 2, done.output
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     return " ".join(done.output.split())
 
 

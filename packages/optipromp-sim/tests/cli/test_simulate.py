@@ -4,7 +4,7 @@ import json
 import shutil
 
 import pytest
-from tests.cli.fixtures import invoke, told
+from tests.cli.fixtures import invoke, refused, told
 
 
 def test_a_scene_is_planned_for_executed_and_told(tmp_path):
@@ -50,10 +50,7 @@ def test_a_plans_folder_is_executed_as_it_is(reach, tmp_path):
 )
 def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
-    result = invoke("simulate", *arguments)
-    assert result.exit_code == 2
-    assert words in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
+    assert words in refused("simulate", *arguments)
     assert not list(tmp_path.iterdir())
     document = told("simulate", *arguments, code=2)
     assert document["status"] == "INVALID_REQUEST"
