@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.cli.fixtures import invoke, refused
+from tests.cli.fixtures import completed, invoke, refused
 from tests.robots.links import BALL, joint
 from tests.robots.meshes import mesh, with_mesh
 
@@ -84,8 +84,7 @@ def test_a_xacro_that_the_user_names_is_run(far: Path) -> None:
     assert mark.exists()
     mark.unlink()
     arm.write_text(arm.read_text())  # or the robot would be kept, and not expanded again
-    result = invoke("check", str(arm))
-    assert result.exit_code == 0, result.output
+    completed("check", str(arm))
     assert mark.exists()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 import yaml
-from tests.cli.fixtures import invoke, refused
+from tests.cli.fixtures import completed, invoke, refused
 from tests.robots.links import joint
 from tests.scenes.six_joints import six
 
@@ -142,8 +142,7 @@ def test_scenes_of_a_xacro_keep_its_arguments(
     declared = '<xacro:arg name="upper" default="2"/><link name="base"/>'
     Path("six.urdf").write_text(text.replace('<link name="base"/>', declared))
     command = ["generate", "--preset", "cluster", "--robot", "six.urdf", "--out", "scenes"]
-    result = invoke(*command, "--robot-arg", "upper:=3.1")
-    assert result.exit_code == 0, result.output
+    result = completed(*command, "--robot-arg", "upper:=3.1")
     assert "OPTIPROMP_ALLOW_XACRO=1" in result.output
     stated = yaml.safe_load(Path("scenes/cluster-0.yaml").read_text())
     assert stated["robot"] == {"file": "../six.urdf", "args": {"upper": "3.1"}}
