@@ -36,9 +36,9 @@ def told(*words: object, code: int = 0) -> Any:
     return read(completed(*words, "--json", code=code).stdout)
 
 
-def refused(*words: object) -> str:
+def refused(*words: object, code: int = 2) -> str:
     """What a command says that refuses its input, in one line."""
-    done = completed(*words, code=2)
+    done = completed(*words, code=code)
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     return " ".join(done.output.split())
 

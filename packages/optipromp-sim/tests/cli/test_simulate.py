@@ -4,12 +4,11 @@ import json
 import shutil
 
 import pytest
-from tests.cli.fixtures import completed, invoke, refused, told
+from tests.cli.fixtures import completed, refused, told
 
 
 def test_a_scene_is_planned_for_executed_and_told(tmp_path):
-    result = invoke("simulate", "scenario-1", "--planner", "promp", "--out", tmp_path)
-    assert result.exit_code == 1
+    result = completed("simulate", "scenario-1", "--planner", "promp", "--out", tmp_path, code=1)
     assert "failed: static_contact" in result.stdout
     assert "table-top" in result.stdout
     document = json.loads((tmp_path / "outcome.json").read_text())

@@ -6,7 +6,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import completed, invoke, refused
+from tests.cli.fixtures import completed, invoke, refused, told
 
 from optipromp.cli import console
 from optipromp.core.promp import Basis, ProMP, load_demonstrations, residuals
@@ -24,9 +24,7 @@ def demonstrations(tmp_path: Path) -> Path:
 
 
 def test_list_as_json_is_one_document() -> None:
-    result = invoke("list", "--json")
-    document = json.loads(result.stdout)
-    assert result.exit_code == 0
+    document = told("list")
     assert {"panda", "scara"} <= set(document["robots"])
     assert {f"scenario-{i}" for i in (1, 2, 3, 4)} <= set(document["scenes"])
     assert document["tools"] == [*TOOLS]
