@@ -191,7 +191,8 @@ def keep(root: Path, row: Book, version: str) -> None:
 
 def made(root: Path, book: Book) -> dict[str, str]:
     """All that is made of the results, by path from the root."""
-    results = {row["name"]: kept(root, row["name"]) for row in book["result"]}
+    names = [row["name"] for row in book["result"]]
+    results = {name: kept(root, name) for each in names for name in (each, f"before/{each}")}
     shown = {"result": [row for row in book["result"] if results[row["name"]]]}
     readme = (root / "README.md").read_text("utf-8")
     promised = f"\n{pages.promised(shown, results)}\n\n"

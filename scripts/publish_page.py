@@ -9,6 +9,13 @@ from optipromp_bench.experiments.forest import Panels, Share, forest
 Book = Mapping[str, Any]
 Results = Mapping[str, Mapping[str, Any]]  # what is kept of each result, by name
 ENDS = "(95 %)"  # how the head of a column of shares ends
+BESIDE = "images/figures-before.svg"
+OTHER = f"""## Beside the version before
+
+What is other than in the version before: neither share is within the other's interval. Its results
+stand in `docs/results/before`. The scenes are others, of the same kinds.
+
+![The figures of the table, drawn]({BESIDE})"""
 HEAD = """<!-- Made by scripts/publish.py --page of docs/results/: change those. -->
 # Figures
 
@@ -66,7 +73,13 @@ def promised(book: Book, results: Results) -> str:
 def page(book: Book, results: Results) -> str:
     """The page of figures."""
     drawn = pictures(book, results)
-    return "\n".join([HEAD, *(section(row, results[row["name"]], drawn) for row in book["result"])])
+    parts = [section(row, results[row["name"]], drawn) for row in book["result"]]
+    if BESIDE in drawn:
+        rows = [[f"{panel}, %", label, *each.values()]
+                for panel, lines in others(book, results).items()
+                for label, each in lines.items()]  # fmt: skip
+        parts.insert(0, f"{OTHER}\n\n{table(['what', 'of', 'then', 'now'], rows)}\n\n")
+    return "\n".join([HEAD, *parts])
 
 
 def section(row: Book, found: Mapping[str, Any], drawn: Mapping[str, str]) -> str:
@@ -112,6 +125,26 @@ def pictures(book: Book, results: Results) -> dict[str, str]:
                         lines[name] = float(ratio[1])
         if panels:
             out[file_of(row)] = forest(panels)
+    if panels := others(book, results):
+        out[BESIDE] = forest(panels)
+    return out
+
+
+def others(book: Book, results: Results) -> Panels:
+    """The shares of which neither is within the other's interval, here and in ``before``."""
+    out: Panels = {}
+    for row in (row for row in book["result"] if results.get(f"before/{row['name']}")):
+        then, now = (
+            {(head, label, by): share for each in found["tables"].values()
+             for label, by, shares in shares_in(each, row["draw"])
+             for head, share in shares.items()}
+            for found in (results[f"before/{row['name']}"], results[row["name"]])
+        )  # fmt: skip
+        for (head, label, by), share in now.items():
+            was = then.get((head, label, by), share)
+            if not (was.low <= share.share <= was.high or share.low <= was.share <= share.high):
+                lines = out.setdefault(f"{row['title']}: {head}", {})
+                lines[", ".join(filter(None, (label, by)))] = {"then": was, "now": share}
     return out
 
 

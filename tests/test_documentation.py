@@ -95,10 +95,10 @@ def test_the_page_on_the_closed_loop_lists_every_number() -> None:
 
 def test_every_test_that_the_page_on_robustness_names_is_there() -> None:
     page = (ROOT / "docs/robustness.md").read_text(encoding="utf-8")
-    named = re.findall(r"`([\w/-]+/[\w/]+\.py)::(\w+)`", page)
+    named = re.findall(r"`(optipromp-\w+/tests/)?([\w/]+\.py)::(\w+)`", page)
     assert len(named) > 60
-    for file, test in named:
-        assert re.search(rf"^def {test}\(", (ROOT / file).read_text("utf-8"), re.MULTILINE), test
+    for at, file, test in named:
+        assert f"\ndef {test}(" in (ROOT / f"packages/{at or 'optipromp/tests/'}{file}").read_text()
 
 
 def test_what_the_page_on_reading_says_to_start_at_is_defined_there() -> None:

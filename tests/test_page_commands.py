@@ -24,7 +24,7 @@ ROOT = Path(__file__).resolve().parents[1]
 PAGES = {str(path.relative_to(ROOT)): path.read_text("utf-8")
          for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))}  # fmt: skip
 del PAGES["docs/figures.md"]  # its commands run in the commits that it names
-QUICK = "docs/commands.md", "docs/export.md"
+QUICK = ("docs/commands.md",)
 APART = "docs/new-user.md", "docs/gallery.md"  # below; scripts/gallery.py makes its pictures
 PARSED = {  # what does not run here, by its words
     r"^view|--teach page": "a page is served until somebody ends it",

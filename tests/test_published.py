@@ -112,6 +112,12 @@ def test_a_run_goes_on_after_a_failure_and_its_result_is_shown(house, capsys):
     ticks = re.findall(r'd="M(\S+) \S+V', svg)[-5:]
     ((x, wide),) = re.findall(r'<rect x="(\S+)" .* width="(\S+)" height="8"', svg)
     assert (x, f"{float(x) + float(wide):.1f}") == (ticks[0], ticks[2])  # from 0.5 to 1
+    then = (house / "docs/results/first.json").read_text().replace("60 (50", "75 (70")
+    (house / "docs/results/before").mkdir()
+    (house / "docs/results/before/first.json").write_text(then)
+    publish.main(["--page"], house)
+    assert "| Counts: clean, % | a, open | 75 (70–70) | 60 (50–70) |" in (house / PAGE).read_text()
+    assert ">a, open<" in (house / "docs/images/figures-before.svg").read_text()
     (house / PAGE).write_text((house / PAGE).read_text().replace("27 (9", "28 (9"))
     capsys.readouterr()
     assert publish.main(["--check"], house) == 1

@@ -24,17 +24,22 @@ def invoke(*words: object) -> Any:
     return CliRunner().invoke(app, [*map(str, words)])
 
 
+def completed(*words: object, code: int = 0) -> Any:
+    """A command that has ended with a code."""
+    done = invoke(*words)
+    assert done.exit_code == code, done.output
+    return done
+
+
 def told(*words: object, code: int = 0) -> Any:
     """The document that a command prints under --json, which ends with a code."""
-    done = invoke(*words, "--json")
-    assert done.exit_code == code, done.output
-    return read(done.stdout)
+    return read(completed(*words, "--json", code=code).stdout)
 
 
-def refused(*words: object) -> str:
+def refused(*words: object, code: int = 2) -> str:
     """What a command says that refuses its input, in one line."""
-    done = invoke(*words)
-    assert done.exit_code == 2, done.output
+    done = completed(*words, code=code)
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     return " ".join(done.output.split())
 
 
@@ -52,6 +57,5 @@ def read(text: str) -> Any:
 def reach(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a reach in scenario-3, to read only."""
     out = tmp_path_factory.mktemp("plan") / "reach"
-    done = invoke("plan", "scenario-3", "--reach", "--no-figures", "--out", out)
-    assert done.exit_code == 0, done.stderr
+    completed("plan", "scenario-3", "--reach", "--no-figures", "--out", out)
     return out

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke, refused
+from tests.cli.fixtures import completed, refused
 
 from optipromp.core.errors import InvalidRequestError
 from optipromp.core.output import write_plan
@@ -167,7 +167,7 @@ def test_the_report_of_a_rollout_alone(folder: Path, tmp_path: Path) -> None:
     """``view`` took the folder of ``simulate --out``, ``report`` refused it."""
     for name in ("rollout.npz", "outcome.json", "run.webm"):
         (tmp_path / name).write_bytes((folder / name).read_bytes())
-    assert invoke("report", tmp_path).exit_code == 0
+    completed("report", tmp_path)
     found = Read((tmp_path / "report.html").read_bytes())
     for words in ("scenario-4: executed", "picked, nothing harmed", "tracking error", "--seed 0"):
         assert words in found.text
@@ -196,7 +196,7 @@ def test_the_command_writes_the_file_and_refuses_other_folders(
     folder: Path, studied: Path, tmp_path: Path
 ) -> None:
     for item, name in ((folder, "plan.html"), (studied, "study.html")):
-        assert invoke("report", item, "--out", tmp_path / name).exit_code == 0
+        completed("report", item, "--out", tmp_path / name)
         assert (tmp_path / name).read_bytes().startswith(b"<!doctype html>")
     assert refused("report", tmp_path)
     assert refused("report", folder, "--out", tmp_path / "a.pdf")

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import completed
 from tests.perception.dyed import crop_of, marks_on, recall, shots_of
 from tests.perception.shots import written
 
@@ -39,17 +39,19 @@ def pictures_of(name: str) -> tuple[dict[str, Photograph], dict[str, Photograph]
     return dict(shots[:TAUGHT]), dict(shots[TAUGHT:])
 
 
-def taught(shots: Mapping[str, Photograph], marks: object, folder: Path, *more: object) -> Any:
+def taught(
+    shots: Mapping[str, Photograph], marks: object, folder: Path, *more: object, code: int = 0
+) -> Any:
     """What the command did that teaches by these pictures and marks."""
     written(folder, **{name: shot.picture for name, shot in shots.items()})
     (folder / "marks.json").write_text(json.dumps(marks))
     known, own = ("--known", "scenario-3"), ("--teach", folder / "marks.json")
-    return invoke("see", folder, *known, *own, "--out", folder / "taught.yaml", *more)
+    out = "--out", folder / "taught.yaml"
+    return completed("see", folder, *known, *own, *out, *more, code=code)
 
 
-def refusal(done: Any) -> str:
-    assert done.exit_code == 2, done.output
-    return " ".join(done.output.split())
+def refusal(*given: Any) -> str:
+    return " ".join(taught(*given, code=2).output.split())
 
 
 @pytest.mark.parametrize("name", [*CROPS, "white-strawberry by clicks"])
@@ -58,7 +60,6 @@ def test_ten_marks_teach_a_crop_that_the_eyes_then_see_elsewhere(name: str, tmp_
     name, _, click = name.partition(" by ")
     teach, others = pictures_of(name)
     done = taught(teach, marks_on(teach, TEN, bool(click)), tmp_path, "--json")
-    assert done.exit_code == 0, done.output
     assert json.loads(done.stdout)["name"] == "taught"
     crop = load_crop(tmp_path / "taught.yaml")
     assert crop["width"] == pytest.approx(CROPS[name][0][0], rel=0.35 if click else 0.15)
@@ -89,15 +90,14 @@ def test_coco_teaches_as_a_list_does(tmp_path: Path) -> None:
     crops = []
     for folder, given in ((tmp_path / "list", marks), (tmp_path / "coco", coco)):
         folder.mkdir()
-        assert taught(teach, given, folder).exit_code == 0
+        taught(teach, given, folder)
         crops.append(load_crop(folder / "taught.yaml"))
     assert crops[0] == crops[1]
 
 
 def test_the_taught_file_is_of_the_crop_that_it_is_like_in_all_else(tmp_path: Path) -> None:
     teach, _ = pictures_of("yellow-tomato")
-    done = taught(teach, marks_on(teach, TEN), tmp_path, "--crop", "tomato")
-    assert done.exit_code == 0
+    taught(teach, marks_on(teach, TEN), tmp_path, "--crop", "tomato")
     crop, tomato = load_crop(tmp_path / "taught.yaml"), load_crop("tomato")
     assert crop.name == "taught"
     changed = {name for name, row in crop.rows.items() if row != tomato.rows[name]}
@@ -112,7 +112,7 @@ def test_kinds_of_one_colour_are_refused_with_what_their_colours_are(tmp_path: P
     marks = [m for m in marks_on(teach, {"unripe": 8}) if m["kind"] == "unripe"]
     for k, mark in enumerate(marks):
         mark["kind"] = ("ripe", "unripe")[k % 2]
-    told = refusal(taught(teach, marks, tmp_path))
+    told = refusal(teach, marks, tmp_path)
     assert "ripe cannot be told from the rest by colour (hue 8" in told
     assert "brightness" in told
     assert "--finder" in told
@@ -133,13 +133,12 @@ def test_a_mark_that_cannot_be_used_is_refused_by_its_cause(
     teach, _ = pictures_of("yellow-tomato")
     marks = marks_on(teach, TEN)
     marks[0] |= change
-    assert told in refusal(taught(teach, marks, tmp_path))
+    assert told in refusal(teach, marks, tmp_path)
 
 
 def test_too_few_marks_and_files_that_are_none_are_refused(tmp_path: Path) -> None:
     teach, _ = pictures_of("yellow-tomato")
     few = marks_on(teach, {"ripe": 2})
-    assert "2 ripe fruits are marked: mark at least 3" in refusal(taught(teach, few, tmp_path))
-    other = taught(teach, few, tmp_path, "--out", tmp_path / "folder")
-    assert "give --out FILE.yaml" in refusal(other)
-    assert "must be a list of marks" in refusal(taught(teach, {"boxes": []}, tmp_path))
+    assert "2 ripe fruits are marked: mark at least 3" in refusal(teach, few, tmp_path)
+    assert "give --out FILE.yaml" in refusal(teach, few, tmp_path, "--out", tmp_path / "folder")
+    assert "must be a list of marks" in refusal(teach, {"boxes": []}, tmp_path)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import completed
 
 from optipromp.core.errors import InvalidRequestError, InvalidSceneError
 from optipromp.core.scenes.io import load_scene, save_scene
@@ -51,11 +51,11 @@ def test_a_scene_that_was_seen_brings_its_picture_and_so_does_its_plan(tmp_path:
     (tmp_path / "row.overlay.png").write_bytes(png_file(pixels))
     assert np.array_equal(open_source(str(scene)).seen, pixels)
     words = ("--reach", "--out", folder, "--no-figures")
-    assert invoke("plan", scene, *words).exit_code == 0
+    completed("plan", scene, *words)
     assert np.array_equal(open_source(str(folder)).seen, pixels)
     (tmp_path / "row.overlay.png").write_bytes(b"no picture")
     assert open_source(str(scene)).seen is None
-    assert invoke("plan", "scenario-3", *words).exit_code == 0
+    completed("plan", "scenario-3", *words)
     assert open_source(str(folder)).seen is None  # that of the earlier plan is gone
 
 

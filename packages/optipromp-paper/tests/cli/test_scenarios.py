@@ -1,6 +1,5 @@
 """``scenarios``, and the tables that compare with the paper: a page holds what it makes."""
 
-import json
 import os
 import re
 from pathlib import Path
@@ -8,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import invoke, told
 
 from optipromp.core.planning import plan
 from optipromp.core.scenes import load_scene
@@ -82,10 +81,7 @@ def test_a_page_keeps_what_is_beside_its_marks(tmp_path: Path) -> None:
 def test_scenarios_end_as_in_the_paper(scenario_rows, tmp_path, monkeypatch):
     """The rows are those of the session: the command would make the same."""
     monkeypatch.setattr(scenarios, "run_scenarios", lambda **_: scenario_rows)
-    done = invoke("scenarios", "--json")
-    found = json.loads(done.stdout, parse_constant=pytest.fail)
-    rows = {row["case"]: row for row in found["scenarios"]}
-    assert done.exit_code == 0
+    rows = {row["case"]: row for row in told("scenarios")["scenarios"]}
     assert set(rows) == {
         "1-plain", "1-camera", "2", "3-joint", "3-kept", "3-sequential", "4-joint", "4-kept",
         "4-sequential", "4-near", "paper-3", "paper-4",
@@ -99,8 +95,8 @@ def test_scenarios_end_as_in_the_paper(scenario_rows, tmp_path, monkeypatch):
         ("3-joint", 0.1), ("3-sequential", 0.1), ("paper-3", 0.1),
         ("4-joint", 0.03), ("4-sequential", 0.03), ("paper-4", 0.03),
     ):  # fmt: skip
-        told = "success" if "joint" in key else "HARM_PREDICTED"  # the paper's plans swallow fruit
-        assert rows[key]["status"] == told
+        said = "success" if "joint" in key else "HARM_PREDICTED"  # the paper's plans swallow fruit
+        assert rows[key]["status"] == said
         assert rows[key]["metrics"]["M_c"] > least
         assert rows[key]["M_c_joints"] > least
         assert rows[key]["paper"]["M_c_above"] == least

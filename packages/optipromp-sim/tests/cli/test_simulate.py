@@ -4,12 +4,11 @@ import json
 import shutil
 
 import pytest
-from tests.cli.fixtures import invoke, told
+from tests.cli.fixtures import completed, refused, told
 
 
 def test_a_scene_is_planned_for_executed_and_told(tmp_path):
-    result = invoke("simulate", "scenario-1", "--planner", "promp", "--out", tmp_path)
-    assert result.exit_code == 1
+    result = completed("simulate", "scenario-1", "--planner", "promp", "--out", tmp_path, code=1)
     assert "failed: static_contact" in result.stdout
     assert "table-top" in result.stdout
     document = json.loads((tmp_path / "outcome.json").read_text())
@@ -50,10 +49,7 @@ def test_a_plans_folder_is_executed_as_it_is(reach, tmp_path):
 )
 def test_wrong_input_is_one_line_and_exit_code_2(tmp_path, monkeypatch, arguments, words):
     monkeypatch.chdir(tmp_path)
-    result = invoke("simulate", *arguments)
-    assert result.exit_code == 2
-    assert words in result.stderr
-    assert len(result.stderr.strip().splitlines()) == 1
+    assert words in refused("simulate", *arguments)
     assert not list(tmp_path.iterdir())
     document = told("simulate", *arguments, code=2)
     assert document["status"] == "INVALID_REQUEST"
@@ -66,7 +62,6 @@ def test_a_motion_to_a_free_goal_picks_nothing_and_says_so(tmp_path):
         "goal": {"joints": [0.3, -0.3, 0, -2.2, 0, 1.9, 0.8]},
     }  # fmt: skip
     (tmp_path / "free.yaml").write_text(json.dumps(scene))
-    result = invoke("simulate", tmp_path / "free.yaml", "--out", tmp_path)
-    assert result.exit_code == 0, result.stdout
+    result = completed("simulate", tmp_path / "free.yaml", "--out", tmp_path)
     assert "(plan: success)  nothing harmed" in result.stdout
     assert "picked" not in result.stdout

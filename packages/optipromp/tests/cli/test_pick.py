@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests import folders
 from tests.cli import fixtures
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import completed, invoke
 
 import optipromp_ros as ros
 from optipromp import Picked, load_pick, plan
@@ -47,8 +47,7 @@ def test_a_pick_is_written_with_its_way_out(pick: Path) -> None:
 
 
 def test_a_pick_is_executed_until_the_fruit_is_out_of_the_plant(pick: Path, tmp_path: Path) -> None:
-    done = invoke("simulate", pick, "--out", tmp_path, "--json")
-    assert done.exit_code == 0, done.stdout
+    done = completed("simulate", pick, "--out", tmp_path, "--json")
     made = load_pick(pick)
     told, rollout = json.loads(done.stdout), read_npz(tmp_path / "rollout.npz")
     assert told["picked"]
@@ -130,7 +129,7 @@ def test_a_pick_is_checked_judged_exported_and_shown_to_its_end(pick: Path, tmp_
     assert list(checked["legs"]) == LEGS
     judged = json.loads(invoke("validate", pick, "--json").stdout)
     assert [leg["status"] for leg in judged["legs"].values()] == ["success", "success"]
-    assert invoke("export", pick, "--mcap", tmp_path / "pick.mcap").exit_code == 0
+    completed("export", pick, "--mcap", tmp_path / "pick.mcap")
     topics = {item.topic: item.message for item in ros.read_bag(tmp_path / "pick.mcap")}
     assert {"/joint_trajectory", "/joint_trajectory/retreat"} < set(topics)
     assert len(topics["/display_planned_path"].trajectory) == 2

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import completed, invoke
 from tests.fuzzing.originals import chain, obj
 from tests.scenes.documents import FRUIT, MINIMAL, with_fruit, with_object
 
@@ -145,8 +145,7 @@ def test_objects_of_hundreds_of_metres_are_told(folder: Path) -> None:
     scene = copy.deepcopy(MINIMAL)
     scene["objects"].append(floor | {"position": [0, 0, -0.5]})
     (folder / "s.json").write_text(json.dumps(scene))
-    result = invoke("check", "s.json")
-    assert result.exit_code == 0
+    result = completed("check", "s.json")
     assert "warning: object 'floor' reaches" in result.stderr
     assert "millimetres?" in result.stderr
 
@@ -161,7 +160,7 @@ def test_a_scene_may_read_where_it_is_allowed(folder, monkeypatch):
     monkeypatch.chdir(other)
     refused(["check", "scenes/s.json"], "INVALID_SCENE", "outside the folder")
     monkeypatch.setenv("OPTIPROMP_FOLDERS", str(folder))
-    assert invoke("check", "scenes/s.json").exit_code == 0
+    completed("check", "scenes/s.json")
 
 
 @pytest.mark.parametrize("name", ["a[/bold]$\\frac{$%s{}", "ü–→"])
@@ -169,8 +168,7 @@ def test_names_are_no_markup(folder: Path, name: str) -> None:
     scene = copy.deepcopy(MINIMAL) | {"name": name}
     scene["objects"][0]["id"] = name
     (folder / "s.json").write_text(json.dumps(scene))
-    result = invoke("plan", "s.json", "--out", "out")
-    assert result.exit_code == 0, result.output
+    result = completed("plan", "s.json", "--out", "out")
     assert name in result.stdout
     assert json.loads(Path("out/plan.json").read_text())["scene"] == name
     assert Path("out/reach.png").exists()
@@ -181,8 +179,7 @@ def test_an_id_leads_to_no_other_folder(folder: Path, id_: str) -> None:
     scene = copy.deepcopy(MINIMAL)
     scene["objects"][0]["id"] = id_
     (folder / "s.json").write_text(json.dumps(scene))
-    result = invoke("plan", "s.json", "--targets", id_, "--out", "out", "--no-figures")
-    assert result.exit_code == 0, result.output
+    completed("plan", "s.json", "--targets", id_, "--out", "out", "--no-figures")
     (home,) = (path for path in (folder / "out").iterdir() if path.is_dir())
     assert home.name.startswith("1-")
     assert (home / "plan.json").exists()

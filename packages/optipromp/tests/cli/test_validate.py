@@ -16,6 +16,7 @@ from optipromp.core.output import load_plan, write_plan
 from optipromp.core.planning.task import posed
 from optipromp.core.robots.library import load_robot
 from optipromp.core.scenes import Stem, save_scene
+from optipromp.core.scenes.pose import Pose
 from optipromp.core.trajectory import Trajectory, arrays, csv, read_trajectory
 from optipromp_ros import Recorded, joint_trajectory, robot_trajectory, write_bag
 from optipromp_sim.generate import generate
@@ -184,8 +185,8 @@ def test_check_tells_of_a_start_below_the_floor_and_offers_one(tmp_path: Path) -
     assert plan(replace(scene, start=start)).success
 
 
-def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(tmp_path):
-    """Both were right."""
+def test_check_tells_of_a_start_in_a_fruit_a_root_too_low_and_a_goal_out_of_reach(tmp_path):
+    """All were right."""
     scene = load_scene("scenario-3")
     first = scene.pushables[0]
     wrist = robot_of(scene).segment_frames(posed(scene)[1].q)[0][-1]
@@ -193,8 +194,10 @@ def test_check_tells_of_a_start_inside_a_fruit_and_of_a_root_that_is_too_low(tmp
         ("inside", first.at(wrist), 1, ("START_IN_COLLISION, at the start", first.id)),
         ("low", replace(first, stem=Stem.along(first.position, -scene.up, 0.1)), 0,
          (f"{first.id} would stand", "right")),
+        ("far", scene.target.transformed(Pose(np.array([1.0, 0.0, 0.0]))), 0,
+         ("goal out of reach", "right")),
     ):  # fmt: skip
-        objects = tuple(moved if item is first else item for item in scene.objects)
+        objects = tuple(moved if item.id == moved.id else item for item in scene.objects)
         save_scene(replace(scene, objects=objects), tmp_path / f"{name}.yaml")
         found, stdout, stderr = call("check", str(tmp_path / f"{name}.yaml"))
         assert found == code

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import completed, refused, told
 
 from optipromp import load_plan, plan_pick, plan_sequence, simulate
 from optipromp.core.errors import Code, InvalidRequestError
@@ -58,11 +58,10 @@ def test_a_fruit_that_cannot_be_picked_stays_and_says_why(bunch: Scene, tmp_path
     last = found.picks[-1].scene
     assert {item.role for item in last.objects if item.id == "n1"} == {"pushable"}
     save_scene(wide, tmp_path / "wide.yaml")
-    told = invoke("plan", tmp_path / "wide.yaml", "--targets", "n1,n2")
-    assert told.exit_code == 1
-    assert "1 of 2 planned" in told.stdout
-    assert "n1 stays: " in told.stdout
-    assert "the half width of n1 across the approach" in " ".join(told.stdout.split())
+    done = completed("plan", tmp_path / "wide.yaml", "--targets", "n1,n2", code=1)
+    assert "1 of 2 planned" in done.stdout
+    assert "n1 stays: " in done.stdout
+    assert "the half width of n1 across the approach" in " ".join(done.stdout.split())
 
 
 @pytest.mark.parametrize("targets", [(), ("ripe", "ripe"), ("ripe", "gutter"), ("n9",)])
@@ -74,12 +73,10 @@ def test_wrong_targets_are_refused(bunch: Scene, targets: tuple[str, ...]) -> No
 def test_the_command_leaves_a_folder_for_each_pick(bunch: Scene, tmp_path: Path) -> None:
     file, out = tmp_path / "bunch.yaml", tmp_path / "picks"
     save_scene(bunch, file)
-    result = invoke("plan", file, "--targets", ", ".join(RIPE), "--out", out, "--json")
-    document = json.loads(result.stdout)
-    assert result.exit_code == 0
+    document = told("plan", file, "--targets", ", ".join(RIPE), "--out", out)
     assert document == json.loads((out / "sequence.json").read_text())
     for pick, id_ in zip(document["picks"], document["order"], strict=True):
         assert (pick["target"], pick["status"]) == (id_, "success")
         kept = load_plan(Path(pick["out"]))
         assert kept.scene.target.id == id_
-    assert invoke("plan", tmp_path, "--targets", "ripe").exit_code == 2
+    refused("plan", tmp_path, "--targets", "ripe")

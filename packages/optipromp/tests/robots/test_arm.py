@@ -5,7 +5,7 @@ import re
 import numpy as np
 import pytest
 import yaml
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import completed, invoke
 from tests.refusals import assert_refused
 from tests.robots.arms import (
     ARM,
@@ -210,8 +210,7 @@ def test_check_says_what_was_chosen(write: Writer) -> None:
                    origin='<origin rpy="0 1.5707963 0"/>')  # fmt: skip
     path = write(robot(*TORSO, *series("head_", "column", 2), *series("a", "column", 6), turned))
     for tip, angle in (("alink6", "along the axis of a6"), ("tcp", "90 degrees from the axis")):
-        result = invoke("check", str(path), "--tip", tip)
-        assert result.exit_code == 0
+        result = completed("check", str(path), "--tip", tip)
         said = dict(line.split(maxsplit=1) for line in result.stdout.splitlines()[1:])
         assert said["flange"] == tip
         assert said["base"] == "column"

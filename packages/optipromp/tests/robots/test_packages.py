@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.cli.fixtures import invoke
+from tests.cli.fixtures import completed
 from tests.robots.links import Writer
 from tests.robots.meshes import mesh, with_mesh
 
@@ -57,8 +57,7 @@ def test_what_is_given_comes_first(write: Writer, tmp_path: Path) -> None:
     path = write(with_mesh("package://my_arm/part.obj"))
     assert reach(path) < 0.2
     assert reach(path, package_dirs=[tmp_path / "other"]) >= 0.3
-    result = invoke("check", str(path), "--package-dir", str(tmp_path / "other"))
-    assert result.exit_code == 0
+    completed("check", str(path), "--package-dir", str(tmp_path / "other"))
     head = "format: 1\nname: mine\nurdf: robot.urdf\npackage_dirs: [other]\n"
     assert reach(write(head, "mine.yaml")) >= 0.3
 

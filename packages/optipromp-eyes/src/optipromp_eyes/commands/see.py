@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import optipromp
 from optipromp.cli.command import FAILED, OK, Report, command
+from optipromp.cli.console import waiting
 from optipromp.core.errors import Code, InvalidRequestError, short
 from optipromp.core.files import check_folder, is_file, is_folder, npz, write_atomically
 from optipromp.parts import part
@@ -105,7 +106,7 @@ def see(
     from optipromp.core.output import OVERLAY
     from optipromp.core.scenes.crops import load_crop
     from optipromp_eyes.detector import ByDetector, finder_named, of_coco
-    from optipromp_eyes.eyes import overlay
+    from optipromp_eyes.eyes import doubt_of, look_at, overlay
     from optipromp_eyes.parameters import EyeParameters, eyes_of
     from optipromp_eyes.pictures import png_file
 
@@ -128,36 +129,36 @@ def see(
         return _taught(asked, teach, grown or load_crop("strawberry"), out)
     records, lines = list[dict[str, Any]](), list[str]()
     sights: list[tuple[Sighting, Scene, EyeParameters, Path]] = []
-    for each in asked:
-        scene = optipromp.load_scene(each.known or "scenario-3")
-        scene = scene if grown is None else replace(scene, crop=grown)
-        picture = _load(each, scene)
-        began = time.perf_counter()
-        from optipromp_eyes.eyes import doubt_of, look_at
-
-        p = eyes_of(scene.crop, eyes)
-        if p not in made:
-            made[p] = finder_named(finder, model, p)
-        eye = made[p]
-        if things is not None:
-            if each.name not in things:
-                raise InvalidRequestError(
-                    f"{boxes}: has no image {each.name!r}, but {short(sorted(things))}"
-                )
-            eye = ByDetector.of(things[each.name], _step(each, picture))
-        sight = look_at(picture, up=scene.up, finder=eye, parameters=p)
-        took = time.perf_counter() - began
-        record, told = _answer(sight, scene, each, took, p)
-        if record["scene"] is None and (
-            doubt := doubt_of(picture, up=scene.up, finder=eye, parameters=p)
-        ):
-            record["message"] += f"; {doubt}"
-            told = [f"{told[0]}; {doubt}", *told[1:]]
-        drawn = each.out.with_suffix(OVERLAY)
-        write_atomically(drawn, png_file(overlay(picture, sight)))
-        records.append({**record, "overlay": str(drawn)})
-        lines += told
-        sights.append((sight, scene, p, each.out))
+    with waiting("looking") as say:
+        for each in asked:
+            say(f"looking at {each.name}")
+            scene = optipromp.load_scene(each.known or "scenario-3")
+            scene = scene if grown is None else replace(scene, crop=grown)
+            picture = _load(each, scene)
+            began = time.perf_counter()
+            p = eyes_of(scene.crop, eyes)
+            if p not in made:
+                made[p] = finder_named(finder, model, p)
+            eye = made[p]
+            if things is not None:
+                if each.name not in things:
+                    raise InvalidRequestError(
+                        f"{boxes}: has no image {each.name!r}, but {short(sorted(things))}"
+                    )
+                eye = ByDetector.of(things[each.name], _step(each, picture))
+            sight = look_at(picture, up=scene.up, finder=eye, parameters=p)
+            took = time.perf_counter() - began
+            record, told = _answer(sight, scene, each, took, p)
+            if record["scene"] is None and (
+                doubt := doubt_of(picture, up=scene.up, finder=eye, parameters=p)
+            ):
+                record["message"] += f"; {doubt}"
+                told = [f"{told[0]}; {doubt}", *told[1:]]
+            drawn = each.out.with_suffix(OVERLAY)
+            write_atomically(drawn, png_file(overlay(picture, sight)))
+            records.append({**record, "overlay": str(drawn)})
+            lines += told
+            sights.append((sight, scene, p, each.out))
     document: dict[str, Any] = {"pictures": records}
     if together and sights:
         record, told = _together([sight for sight, *_ in sights], *sights[0][1:])

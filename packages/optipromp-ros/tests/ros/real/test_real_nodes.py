@@ -42,7 +42,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, qos_profile_sensor_data  # n
 from rclpy.serialization import deserialize_message  # noqa: E402
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState  # noqa: E402
 from std_msgs.msg import Float64MultiArray  # noqa: E402
-from tests.cli.fixtures import invoke  # noqa: E402
+from tests.cli.fixtures import completed, invoke  # noqa: E402
 from tests.perception.shots import shot_of  # noqa: E402
 from tests.ros.camera_messages import FRAME, compressed, frames, image, info, states  # noqa: E402
 from tf2_msgs.msg import TFMessage  # noqa: E402
@@ -439,8 +439,7 @@ def test_a_pick_between_processes(node: Any, start: Any, tmp_path: Path, killed:
     picks = [{"closed": (closed[0] - begin) / 1e9}]
     (tmp_path / "marks.json").write_text(json.dumps({"picks": picks}))
     call = ["shadow", str(tmp_path / "shift.mcap"), "--known", scene, "--prefix", "fr3_", "--json"]
-    told = invoke(*call, "--marks", str(tmp_path / "marks.json"), *CAMERA[:4])
-    assert told.exit_code == 0, told.output
+    told = completed(*call, "--marks", str(tmp_path / "marks.json"), *CAMERA[:4])
     (pick,) = json.loads(told.stdout)["picks"]
     assert (pick["why"], pick["harmful"]) == ("", False)
     assert pick["theirs"]["probability"] < 0.1

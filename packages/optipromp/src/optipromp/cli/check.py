@@ -174,6 +174,7 @@ def _words(value: object) -> str:
 
 def _scene(item: str) -> dict[str, Any]:
     from optipromp.core.judging import touching
+    from optipromp.core.planning import goals
     from optipromp.core.planning.approaches import misfit
     from optipromp.core.planning.task import resolve
     from optipromp.core.robots.model import warn_of_gravity
@@ -193,6 +194,11 @@ def _scene(item: str) -> dict[str, Any]:
         )
     if narrow := misfit(bound):
         warnings.warn(narrow, stacklevel=1)
+    with waiting("looking whether the tool gets to the goal"):
+        reached, why = goals.choose(bound, bound.seed)
+    if not len(reached):
+        told = "a plan that leans may reach it: or move base or target, or turn approach.direction"
+        warnings.warn(f"goal out of reach, as the approach comes: {why}; {told}", stacklevel=1)
     by_role = {
         role: [item.id for item in scene.objects if item.role == role]
         for role in ("target", "pushable", "avoid", "static")
