@@ -36,8 +36,7 @@ def known_frames(
     The empty name is that of the base frame. ``world`` is the frame in which the base has the pose
     ``base`` (None: the base frame). Links stand behind the ``prefix``; those that move, and
     :data:`TOOL`, are known with the arm at ``q`` (n,). A link beyond a joint that is not the arm's
-    (a finger) may be elsewhere than its file says, and is not known. A link called ``world`` stands
-    for itself.
+    (a finger) may be elsewhere than its file says, and is not known. ``world`` may be a link.
     """
     found = {"": Pose(), prefix + root_of(robot): Pose()}
     if q is not None:

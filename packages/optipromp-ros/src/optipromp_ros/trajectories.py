@@ -213,8 +213,8 @@ def _read(item: Message, joints: Sequence[str] | None, unwind: Unwind | None) ->
 def hear(arm: Measured, item: Message, time: float) -> bool:
     """Tell a reader of an arm's state a ``sensor_msgs/JointState`` of a ``time`` [s].
 
-    Returns whether it told all velocities. ``joint_state_broadcaster`` sends NaN for a joint whose
-    driver measures none; that velocity then counts as 0, as where a message has none.
+    Returns whether it told all velocities: one of NaN, as ``joint_state_broadcaster`` sends where a
+    driver measures none, counts as 0, as where a message has none.
     """
     speeds = np.asarray(item.velocity)
     arm.heard(time, item.name, item.position, np.where(np.isnan(speeds), 0.0, speeds))

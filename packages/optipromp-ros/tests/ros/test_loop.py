@@ -205,7 +205,6 @@ def test_a_curve_that_does_not_meet_the_running_one_is_not_sent() -> None:
 
 @pytest.mark.parametrize(("silent", "why"), [(False, "looking"), (True, "the clock was set for")])
 def test_a_cycle_that_is_late_is_no_clock_that_was_set(silent: bool, why: str) -> None:
-    """Without another clock: of an arm that stands, its states came all the while, or the last."""
     loop = PickLoop(SCENE, prefix="fr3_")
     for k in range(21):
         now = EPOCH + 20_000_000 * k

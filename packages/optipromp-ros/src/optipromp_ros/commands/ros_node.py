@@ -222,7 +222,7 @@ def _serve(world: _World, settings: dict[str, Any], execute: str | None) -> None
     node.create_service(
         GetMotionPlan, "~/plan", plan, callback_group=MutuallyExclusiveCallbackGroup()
     )  # beside that of what is heard
-    _spin(node, "joint_states", executor=MultiThreadedExecutor(2))
+    _spin(node, MultiThreadedExecutor(2), "joint_states")
 
 
 def _controller(
@@ -322,14 +322,14 @@ def _run(
     period = decides.parameters.period
     node.create_timer(period, tick)
     try:
-        _spin(node, "joint_states", *topics)
+        _spin(node, rclpy.get_global_executor(), "joint_states", *topics)
     finally:
         for made in guard.ending() if guard and rclpy.ok() else ():
             send(made)
             sleep(period)
 
 
-def _spin(node: Any, *needed: str, executor: Any = None) -> None:
+def _spin(node: Any, executor: Any, *needed: str) -> None:
     """Let the node work until it is shut down; its log names ``needed`` topics that nobody has."""
     import rclpy
     from rclpy.clock import Clock, ClockType
@@ -346,8 +346,10 @@ def _spin(node: Any, *needed: str, executor: Any = None) -> None:
             )
 
     alone = node.create_timer(ALONE, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+    executor.add_node(node)
     try:
-        rclpy.spin(node, executor)
+        while rclpy.ok():
+            executor.spin_once(HERE)  # a signal that comes as it begins to wait does not wake it
     except ExternalShutdownException:
         pass
     except RuntimeError:  # rclpy's RCLError, of a shutdown as it was about to wait
