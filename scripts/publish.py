@@ -155,11 +155,10 @@ def call(root: Path, command: str, folder: Path, k: int) -> int:
 
 
 def tables_in(folder: Path) -> dict[str, Any]:
-    """The tables under headings (``### ``), with the list below them, in the order of the commands."""
+    """The tables under headings (``### ``), with the list below them, in the commands' order."""
     found = {}
     printed = sorted(folder.glob("*.out"), key=lambda path: int(path.stem))
-    written = sorted(folder.glob("*.md"), key=lambda path: path.stat().st_mtime)
-    for path in (*printed, *written):
+    for path in (*printed, *sorted(folder.glob("*.md"), key=os.path.getmtime)):
         _, *parts = re.split(r"^### (.+)\n", path.read_text("utf-8"), flags=re.MULTILINE)
         for title, part in zip(parts[::2], parts[1::2], strict=True):
             lines = re.findall(r"^\|(.*)\|$", part, re.MULTILINE)
