@@ -197,8 +197,8 @@ def _scene(item: str) -> dict[str, Any]:
     with waiting("looking whether the tool gets to the goal"):
         reached, why = goals.choose(bound, bound.seed)
     if not len(reached):
-        told = "a plan that leans may reach it: or move base or target, or turn approach.direction"
-        warnings.warn(f"goal out of reach, as the approach comes: {why}; {told}", stacklevel=1)
+        lean = "" if scene.goals else "a plan that leans may reach it; else turn the approach, "
+        warnings.warn(f"goal out of reach: {why}; {lean}move the base or the goal", stacklevel=1)
     by_role = {
         role: [item.id for item in scene.objects if item.role == role]
         for role in ("target", "pushable", "avoid", "static")
